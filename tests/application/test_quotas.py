@@ -95,8 +95,3 @@ def test_many_at_once_pass_no_bound(opened: Callable[..., SceneService]) -> None
     outcomes = at_once(*[lambda: _post(service, "a")] * 8)
     assert [type(outcome) for outcome in outcomes].count(QuotaError) == 5
     assert len(service.in_project("a").list_scenes()[0]) == 3
-
-
-def test_without_bounds_nothing_is_refused(opened: Callable[..., SceneService]) -> None:
-    service = opened()
-    assert len({_post(service, "a") for _ in range(5)}) == 5

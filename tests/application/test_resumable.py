@@ -12,7 +12,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -173,16 +172,6 @@ def test_two_senders_at_once_never_mix(uploads: ResumableUploads) -> None:
     go_on.set()
     first.join()
     assert _bytes_of(uploads, upload.id) == b"abcd"
-
-
-def test_uploads_of_another_key_are_not_there(uploads: ResumableUploads) -> None:
-    upload = uploads.create("k", "a.bin", 4)
-    for ask in (uploads.get, uploads.delete, uploads.complete):
-        with pytest.raises(NotFoundError):
-            ask("other", upload.id)
-    with pytest.raises(NotFoundError):
-        uploads.append("other", upload.id, 0, [b"x"])
-    assert replace(uploads.get("k", upload.id), expires_at=0.0) == replace(upload, expires_at=0.0)
 
 
 def test_an_upload_expires_and_each_piece_gives_it_more_time(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from fastsplat_contract.codec.json_codec import from_json, to_json
 from fastsplat_contract.codec.proto_codec import from_proto, to_proto
 from fastsplat_contract.geometry.poses import Vector3
 from fastsplat_contract.jobs.operations import SceneOptions
-from fastsplat_contract.messages.scenes import Color, Edit, Scene, SceneVertical
+from fastsplat_contract.messages.scenes import Scene, SceneVertical
 from tests.query.box_scenes import orbit
 
 
@@ -69,12 +69,3 @@ def test_a_metric_that_is_no_number_is_left_out(service, post):
     stage = {"stage": "training", "fraction": 0.5, "message": "", "seconds": 1.0, "metrics": metrics}
     (stage_progress,) = operation_of(type(record)(**{**vars(record), "stages": [stage]})).stages
     assert stage_progress.metrics == {"step": 3.0}
-
-
-def test_edits_are_read_as_they_were_written(service, post, finish):
-    info = post()
-    finish(info)
-    service.versions.edit(info.id, [Edit("remove", label="mug")])
-    assert service.versions.all(info.id)[-1].edits == (Edit("remove", label="mug"),)
-    version = service.versions.edit(info.id, [Edit("recolor", "banana", color=Color(0.0, 0.5, 1.0))])
-    assert version.edits == service.versions.all(info.id)[-1].edits

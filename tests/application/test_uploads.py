@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import shutil
 from dataclasses import asdict
 from pathlib import Path
@@ -32,18 +31,6 @@ def left_behind(service, folder: Path) -> list[str]:
     """Files of uploads and jobs, and scenes in the database."""
     files = [path.relative_to(folder).as_posix() for kind in ("uploads", "jobs") for path in (folder / kind).rglob("*")]
     return files + [scene.id for scene in service.list_scenes()[0]]
-
-
-def test_acknowledged_is_queued_with_its_files(service, settings):
-    with service.new_upload() as upload:
-        assert upload.write("images/a.jpg", io.BytesIO(b"abc")) == 3
-        upload.write("images/b.jpg", iter([b"de", b"f"]))
-        operation = service.create_scene(upload, "kitchen", "", SceneOptions(labels=("cup",)))
-    assert operation.state == "QUEUED" and operation.error is None
-    assert service.get_operation(operation.id) == operation
-    assert service.get_scene(operation.scene_id).name == "kitchen"
-    files = sorted(path for path in (settings.data_dir / "uploads").rglob("*") if path.is_file())
-    assert [path.read_bytes() for path in files] == [b"abc", b"def"]
 
 
 def test_how_long_photos_take_is_kept_with_their_job_once_the_machine_is_measured(tmp_path):
@@ -98,22 +85,6 @@ def test_whoever_leaves_while_files_are_checked_gets_no_scene(settings):
             with pytest.raises(CancelledError):
                 service.create_scene(upload, "", "", SceneOptions())
         assert left_behind(service, settings.data_dir) == []
-
-
-def test_leaving_without_a_commit_leaves_nothing(service, settings):
-    with service.new_upload() as upload:
-        upload.write("a.jpg", [b"abc"])
-    assert left_behind(service, settings.data_dir) == []
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["", "/etc/passwd", "../a", "a/../../b", "a\\b", "C:/a", "a\0b", "a\nb", ".", "..", "x" * 256, "a/" * 20 + "a"],
-)
-def test_unsafe_names_are_refused(service, settings, name):
-    with service.new_upload() as upload, pytest.raises(InvalidInputError, match="not safe"):
-        upload.write(name, [b"abc"])
-    assert left_behind(service, settings.data_dir) == []
 
 
 def test_photos_of_one_name_are_all_kept_under_names_of_their_own(service, settings):

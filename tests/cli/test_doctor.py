@@ -164,14 +164,6 @@ def test_a_damaged_database_is_named_and_left_alone(data: Path, doctor: Doctor) 
     assert path.read_bytes() == bytes(content)
 
 
-def test_a_schema_of_a_later_release_is_named(data: Path, doctor: Doctor) -> None:
-    with closing(sqlite3.connect(data / "fastsplat.sqlite")) as connection:
-        connection.execute("UPDATE alembic_version SET version_num = '9999'")
-        connection.commit()
-    status, problems = doctor("--repair")
-    assert status == 1 and "9999" in str(problems[0]["message"]) and not problems[0]["mendable"]
-
-
 def test_an_upload_of_a_job_that_failed_long_ago_is_left_over(data: Path, doctor: Doctor) -> None:
     with closing(sqlite3.connect(data / "fastsplat.sqlite")) as connection:
         connection.execute("UPDATE operations SET updated_at = ? WHERE id = 'op-failed'", (time.time() - 90_000,))

@@ -134,16 +134,13 @@ def test_an_object_is_split_and_a_missing_one_is_added(objects: Callable[..., Re
 
 
 def test_a_question_is_asked_from_where_one_stands(fastsplat: Callable[..., Result], scene_id: str) -> None:
-    def ask(*words: str) -> Result:
-        return fastsplat("ask", scene_id, *words)
-
-    said = ask("the object left of the ball", "--from", "front.png")
+    said = fastsplat("ask", scene_id, "the object left of the ball", "--from", "front.png")
     assert said.exit_code == 0 and "mug" in said.stdout
-    result = ask("the object left of the ball", "--pose", "0,0,8,0,1,0,0", "--json")
+    result = fastsplat("ask", scene_id, "the object left of the ball", "--pose", "0,0,8,0,1,0,0", "--json")
     (behind,) = json.loads(result.stdout)["answers"]
     assert behind["object_ids"] == [3] and behind["phrase"]["witnesses"]
-    assert "depends on where you stand" in ask("the object left of the ball").stdout
-    assert isinstance(ask("mug", "--pose", "1,2").exception, InvalidInputError)
+    assert "depends on where you stand" in fastsplat("ask", scene_id, "the object left of the ball").stdout
+    assert isinstance(fastsplat("ask", scene_id, "mug", "--pose", "1,2").exception, InvalidInputError)
 
 
 def test_a_scene_is_cropped_as_its_preview_says(fastsplat: Callable[..., Result], scene_id: str) -> None:

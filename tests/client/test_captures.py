@@ -63,9 +63,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def _parts(server: Scripted) -> dict[tuple[str, str], bytes]:
-    """Field and file name of each part of the last request, with its bytes."""
-    _, headers, body = server.seen[-1]
+def _parts(server: Scripted, request: int = -1) -> dict[tuple[str, str], bytes]:
+    """Field and file name of each part of a request, the last by default, with its bytes."""
+    _, headers, body = server.seen[request]
     head = f"Content-Type: {headers['content-type']}\r\n\r\n".encode()
     message = email.parser.BytesParser(policy=email.policy.HTTP).parsebytes(head + body)
     parts: dict[tuple[str, str], bytes] = {}
@@ -80,6 +80,7 @@ def test_all_that_belongs_to_a_capture_travels_under_its_name(server: Scripted, 
     with Client(server.url, retry=Retry(first_s=0.01)) as client:
         client.create_scene(folder, name="desk")
     parts = _parts(server)
+    assert parts == _parts(server, 0) and len(parts["request_id", ""]) == 32, "repeated whole under one id"
     assert {name: content for (field, name), content in parts.items() if field == "files"} == _SENT
     assert parts["name", ""] == b"desk"
     assert {field for field, _ in parts} == {"name", "request_id", "files"}
@@ -89,6 +90,8 @@ def test_a_folder_without_pictures_is_said_before_anything_is_sent(server: Scrip
     (tmp_path / "transforms.json").write_bytes(b"{}")
     with Client(server.url) as client, pytest.raises(InvalidInputError, match="no photos, no video and no splat"):
         client.create_scene(tmp_path)
+    with Client(server.url) as client, pytest.raises(InvalidInputError):
+        client.create_scene(tmp_path / "none")
     assert server.seen == []
 
 

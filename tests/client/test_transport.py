@@ -12,7 +12,7 @@ import pytest
 
 from fastsplat_client import Client, DeadlineExceededError, RemoteError, Retry, UnreachableError
 from fastsplat_client.errors import error_of
-from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind, NotFoundError
+from fastsplat_contract.errors import FastSplatError, Kind, NotFoundError
 from tests.client.scripted import FINE, OPERATION, Scripted, problem, scripted
 
 _QUICK = Retry(tries=3, first_s=0.01, most_s=0.02)
@@ -84,11 +84,6 @@ def test_an_answer_that_does_not_come_in_time_is_a_deadline(server: Scripted) ->
     release.set()
 
 
-def test_no_server_is_said_so() -> None:
-    with Client("http://127.0.0.1:9", retry=_QUICK) as client, pytest.raises(UnreachableError):
-        client.operation("o")
-
-
 def test_a_download_is_taken_up_where_it_broke_off(server: Scripted, tmp_path: Path) -> None:
     content = bytes(range(256)) * 1000
     tag = {"ETag": '"v1"'}
@@ -119,24 +114,6 @@ def test_a_watch_is_taken_up_after_the_last_event(server: Scripted) -> None:
     with Client(server.url, retry=_QUICK) as client:
         assert [operation.state for operation in client.watch("o")] == ["QUEUED", "SUCCEEDED"]
     assert [headers.get("last-event-id") for _, headers, _ in server.seen] == [None, "1", "1"]
-
-
-def test_an_upload_is_repeated_whole_under_one_request_id(server: Scripted, tmp_path: Path) -> None:
-    (tmp_path / "a.jpg").write_bytes(b"first picture")
-    (tmp_path / "sub").mkdir()
-    (tmp_path / "sub" / "b.png").write_bytes(b"second picture")
-    (tmp_path / "notes.txt").write_bytes(b"not a picture")
-    server.script = [problem(503, "UNAVAILABLE"), FINE]
-    with Client(server.url, retry=_QUICK) as client:
-        client.create_scene(tmp_path, name="desk")
-        with pytest.raises(InvalidInputError):
-            client.create_scene(tmp_path / "none")
-    bodies = [body for _, _, body in server.seen]
-    assert len(bodies) == 2
-    for body in bodies:
-        assert b"first picture" in body and b'filename="sub/b.png"' in body and b"not a picture" not in body
-    ids = [body.split(b'name="request_id"\r\n\r\n')[1][:32] for body in bodies]
-    assert ids[0] == ids[1] and len(ids[0].strip()) == 32
 
 
 def test_every_error_of_the_service_comes_back_as_itself() -> None:

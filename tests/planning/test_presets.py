@@ -16,7 +16,6 @@ from fastsplat.service.planning.presets import (
     PresetName,
     apply_preset,
     chosen_settings,
-    override_training,
 )
 from fastsplat.service.planning.time_budget import clock_tradeoff
 from fastsplat.service.scene.artefact.assessment import assess
@@ -110,8 +109,3 @@ def test_a_preset_of_another_name_is_refused_with_the_names_there_are() -> None:
     with pytest.raises(InvalidInputError, match="luxury") as refused:
         apply_preset(Settings(), "luxury")
     assert refused.value.field == "preset" and "draft, balanced, best" in str(refused.value.hint)
-
-
-def test_overrides_leave_out_what_is_none() -> None:
-    changed = override_training(Settings(), max_gaussians=77, time_budget_s=None).training
-    assert changed == TrainingSettings().model_copy(update={"max_gaussians": 77})

@@ -39,23 +39,24 @@ def test_a_name_in_the_hash_table_is_exact(index: SceneIndex, text: str) -> None
     assert answer.matches[0].label == "mug" and answer.relevant_ids == (1,)
 
 
-def test_a_score_above_the_exact_threshold_is_exact(index: SceneIndex) -> None:
-    (answer,) = index.ask(["tumbler"])
-    assert answer.relevant_ids == (1,)
-    assert answer.sentence == 'Here: "mug", the same as "tumbler".'
-
-
-def test_between_the_thresholds_is_related(index: SceneIndex) -> None:
-    (answer,) = index.ask(["cup"])
-    assert (answer.outcome, answer.relation) == ("probably_here", "related") and answer.relevant_ids == (1,)
-    assert answer.matches[0].similarity == pytest.approx(0.8, abs=1e-6)
-
-
-def test_below_is_absent_and_every_mask_is_empty(index: SceneIndex, front: PosedCamera) -> None:
-    (answer,) = index.ask(["cloud"])
-    assert answer.outcome == "not_here" and answer.relevant_ids == ()
-    assert not index.mask3d(answer).any()
-    assert not index.mask2d(answer, front).mask.any()
+@pytest.mark.parametrize(
+    ("text", "verdict", "outcome", "relation", "sentence"),
+    [
+        ("tumbler", "exact", "here", "same", 'Here: "mug", the same as "tumbler".'),
+        ("cup", "related", "probably_here", "related", 'Probably here: "mug", related to "cup".'),
+        ("cloud", "absent", "not_here", "absent", 'Not here: none of the 3 names in this scene is "cloud".'),
+    ],
+)
+def test_thresholds_of_ones_own_decide_and_give_no_probability(
+    index: SceneIndex, front: PosedCamera, text: str, verdict: str, outcome: str, relation: str, sentence: str
+) -> None:
+    (answer,), (decision,) = index.ask([text]), decided(index, text)
+    assert (decision.verdict, decision.named) == (verdict, False)
+    assert (answer.outcome, answer.relation, answer.sentence) == (outcome, relation, sentence)
+    assert answer.probability is None and answer.relevant_ids == (() if verdict == "absent" else (1,))
+    for mask in (index.mask3d(answer), index.mask2d(answer, front).mask):
+        assert mask.any() == bool(answer.relevant_ids)
+    assert text != "cup" or answer.matches[0].similarity == pytest.approx(0.8, abs=1e-6)
 
 
 @pytest.mark.parametrize("score", ["similarity", "relevancy"])
@@ -129,17 +130,6 @@ def test_an_uncalibrated_encoder_knows_names_only_and_says_so() -> None:
     for answer in (named, near):
         assert answer.probability is None and answer.coverage is None and answer.label_set == ()
         assert answer.presence is None and all(match.probability is None for match in answer.matches)
-
-
-def test_thresholds_of_ones_own_calibrate_verdicts_but_no_probabilities(index: SceneIndex) -> None:
-    texts = ["tumbler", "cup", "cloud"]
-    assert [(decision.verdict, decision.named) for decision in decided(index, *texts)] == [
-        ("exact", False),
-        ("related", False),
-        ("absent", False),
-    ]
-    for answer in index.ask(texts):
-        assert answer.probability is None and "%" not in answer.sentence
 
 
 @pytest.mark.parametrize("score", ["similarity", "relevancy"])
@@ -234,15 +224,11 @@ def test_texts_are_embedded_once() -> None:
     assert encoder.seen == ["cup", "jar", "tin", "cup"]
 
 
-def test_an_encoder_of_another_size_is_refused() -> None:
+def test_an_encoder_of_another_size_or_of_nan_is_refused() -> None:
     scene = replace(make_scene(), label_embeddings=np.eye(3, 5, dtype=np.float32), text_encoder=("drawn", "0" * 64))
-    with pytest.raises(ModelUnavailableError):
-        SceneIndex(scene, DrawnEncoder(), PLAIN)
-
-
-def test_an_encoder_of_nan_is_refused() -> None:
-    with pytest.raises(ModelUnavailableError):
-        SceneIndex(make_scene(), DrawnEncoder({"object": [np.nan]}), PLAIN)
+    for labelled, encoder in ((scene, DrawnEncoder()), (make_scene(), DrawnEncoder({"object": [np.nan]}))):
+        with pytest.raises(ModelUnavailableError):
+            SceneIndex(labelled, encoder, PLAIN)
 
 
 def test_an_answer_of_another_scene_is_refused(index: SceneIndex, front: PosedCamera) -> None:

@@ -9,24 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.store.rows.codec import camera_from_json, camera_to_json, options_from_json, options_to_json
+from fastsplat.service.store.rows.codec import camera_from_json, camera_to_json
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
-from fastsplat_contract.jobs.operations import SceneOptions
-
-_OPTIONS = st.builds(
-    SceneOptions,
-    labels=st.lists(st.text(min_size=1)).map(tuple),
-    time_budget_s=st.none() | st.floats(0, 1e6, exclude_min=True),
-    max_gaussians=st.none() | st.integers(1),
-    preset=st.sampled_from([None, "draft", "balanced", "best"]),
-    priority=st.integers(-100, 100),
-)
-
-
-@given(_OPTIONS)
-def test_options_come_back_as_they_were(options: SceneOptions) -> None:
-    assert options_from_json(json.loads(json.dumps(options_to_json(options)))) == options
-
 
 _COORDINATE = st.floats(-1e6, 1e6)
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import threading
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from fastsplat.service.store.queue.claims import FencedError
 from fastsplat.service.store.store import Store
+from tests.at_once import at_once
 from tests.store.test_repositories import SUMMARY, job
 
 
@@ -63,14 +63,11 @@ def test_a_job_is_its_workers_until_that_gives_it_back_or_is_dead(store: Store) 
 def test_two_that_claim_at_once_have_different_jobs(store: Store) -> None:
     for number in range(6):
         store.scenes.create(job(number))
-    barrier = threading.Barrier(6)
 
     def claim(number: int) -> str:
-        barrier.wait()
         while (claim := store.jobs.claim_next(f"worker{number}")) is None:
             pass
         return claim.operation.id
 
-    with ThreadPoolExecutor(6) as pool:
-        assert sorted(pool.map(claim, range(6))) == [f"op{number}" for number in range(6)]
+    assert sorted(at_once(*(partial(claim, number) for number in range(6)))) == [f"op{number}" for number in range(6)]
     assert len(store.jobs.owners()) == 6

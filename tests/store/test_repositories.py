@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.rows.schema import metadata
 from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import DatabaseError, InvalidInputError, NotFoundError
+from tests.at_once import at_once
 
 SUMMARY = SceneSummary("v1", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0}, 0)
 
@@ -40,17 +40,8 @@ def claim(store: Store) -> Claim:
 
 
 def test_one_request_id_makes_one_operation_whoever_is_faster(store):
-    barrier = threading.Barrier(8)
-
-    def create(number: int) -> tuple[str, bool]:
-        barrier.wait()
-        record, new = store.scenes.create(job(number, "once"))
-        return record.id, new
-
-    with ThreadPoolExecutor(8) as pool:
-        results = list(pool.map(create, range(8)))
-    assert len({operation_id for operation_id, _ in results}) == 1
-    assert sum(new for _, new in results) == 1
+    results = at_once(*(partial(store.scenes.create, job(number, "once")) for number in range(8)))
+    assert len({record.id for record, _ in results}) == sum(new for _, new in results) == 1
     assert len(store.scenes.list_scenes(100)) == 1
 
 
@@ -222,8 +213,7 @@ def test_stalled_workers_are_known_and_can_be_unregistered(store, monkeypatch):
 
 def test_many_threads_write_without_losing_anything(store):
     store.scenes.create(job(1))
-    with ThreadPoolExecutor(16) as pool:
-        claims = list(pool.map(lambda _: store.jobs.claim("op1"), range(64)))
+    claims = at_once(*[partial(store.jobs.claim, "op1")] * 64)
     assert sorted(claim.attempt for claim in claims) == list(range(1, 65))
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +10,7 @@ import pytest
 from fastsplat.service.store.blobs.reserve import Reserve, check_free_space
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import DatabaseError, ResourceError
+from tests.processes import printed_with_mount
 
 _FULL_DISK = """
 import sys
@@ -46,18 +45,9 @@ print(service.get_scene("next").state)
 """
 
 
-def _on_small_disk(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
-    mount = f'mount -t tmpfs -o size=48m tmpfs {folder} && exec {sys.executable} -c "$1" {folder}'
-    command = ["unshare", "--mount", "--map-root-user", "sh", "-c", mount, "sh", code]
-    return subprocess.run(command, check=False, capture_output=True, text=True)
-
-
 def test_a_scene_is_deleted_on_a_full_disk_and_makes_room(tmp_path: Path) -> None:
-    if shutil.which("unshare") is None or _on_small_disk(tmp_path, "").returncode:
-        pytest.skip("no disk can be mounted here")
-    process = _on_small_disk(tmp_path, _FULL_DISK)
-    assert process.returncode == 0, process.stderr
-    full, left, state = process.stdout.splitlines()
+    printed = printed_with_mount(f"mount -t tmpfs -o size=48m tmpfs {tmp_path}", _FULL_DISK, tmp_path)
+    full, left, state = printed.splitlines()
     assert "full" in full and left == "['scene1', 'scene2']" and state == "TRAINING"
 
 

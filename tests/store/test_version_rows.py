@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +15,7 @@ from fastsplat.service.store.repositories.version_repository import NewVersion
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import ConflictError, NotFoundError
+from tests.at_once import at_once
 from tests.store.test_repositories import SUMMARY, job
 
 _TRIALS = 6  # so many times writers race; without a lock, two of them are acknowledged nearly each time
@@ -55,22 +54,6 @@ def _lineage(store: Store, scene_id: str) -> list[str]:
     return names
 
 
-def _at_once(*calls: Callable[[], object]) -> list[bool]:
-    """Which of some calls that begin at the same moment are acknowledged; the others are refused."""
-    barrier = threading.Barrier(len(calls))
-
-    def acknowledged(call: Callable[[], object]) -> bool:
-        barrier.wait()
-        try:
-            call()
-        except (ConflictError, NotFoundError):
-            return False
-        return True
-
-    with ThreadPoolExecutor(len(calls)) as pool:
-        return list(pool.map(acknowledged, calls))
-
-
 _Write = Callable[[Store, str, str], object]
 _WRITES: dict[str, _Write] = {
     "publish": lambda store, scene_id, name: store.versions.publish(_new(scene_id, name, "first")),
@@ -105,9 +88,9 @@ def test_of_two_writers_that_saw_the_same_version_one_is_refused(
         stores[0].versions.publish(_new(scene_id, "first", "trained"))
         stores[0].versions.publish(_new(scene_id, "undone", "first"))
         stores[0].versions.step_back(scene_id, "undone")
-        done = _at_once(
-            partial(_WRITES[first], stores[0], scene_id, "by0"), partial(_WRITES[second], stores[1], scene_id, "by1")
-        )
+        writes = zip((first, second), stores, ("by0", "by1"), strict=True)
+        outcomes = at_once(*(partial(_WRITES[write], store, scene_id, name) for write, store, name in writes))
+        done = [not isinstance(outcome, ConflictError | NotFoundError) for outcome in outcomes]
         assert sorted(done) == [False, True], (first, second, number)
         current = _lineage(stores[0], scene_id)
         lineage = [f"by{done.index(True)}", "first", "trained"]
@@ -120,7 +103,7 @@ def test_a_version_that_is_restored_is_not_removed_at_the_same_moment(stores: tu
         stores[0].versions.publish(_new(scene_id, "old", "trained"))
         stores[0].versions.publish(_new(scene_id, "new", "old"))
         newest = _new(scene_id, "newest", "new", max_versions=2)
-        _at_once(partial(stores[0].versions.publish, newest), partial(stores[1].versions.restore, scene_id, "old"))
+        at_once(partial(stores[0].versions.publish, newest), partial(stores[1].versions.restore, scene_id, "old"))
         scene = stores[0].scenes.scene(scene_id)
         assert scene.version in {row.version for row in stores[0].versions.of(scene)}
 

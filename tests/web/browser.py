@@ -20,6 +20,8 @@ _SOFTWARE_WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe
 _NO_WEBGL = ("--disable-3d-apis", "--disable-gpu", "--no-sandbox")
 _WINDOW = {"viewport": {"width": 1000, "height": 700}, "reduced_motion": "reduce", "device_scale_factor": 0.5}
 """A quarter of the pixels, which software draws: the page is laid out in CSS pixels all the same."""
+PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}}
+TOUCH_PHONE = {**PHONE, "has_touch": True, "is_mobile": True}
 _DRAWN = """async (pause) => {
   for (let frame = 0; frame < 3; frame++) await new Promise(requestAnimationFrame);
   const isSeen = ({ top, bottom }) => bottom > 0 && top < innerHeight;

@@ -66,10 +66,7 @@ def test_the_server_itself_ends_what_takes_too_long(
 @pytest.fixture
 def impatient(service: SceneService, api_settings: Settings) -> Iterator[Faces]:
     """A server that waits half a second for a sender, and takes two uploads at a time."""
-    changes = {
-        "uploads": UploadSettings(slow_start_s=0.5),
-        "limits": LimitSettings(all_uploads=2),
-    }
+    changes = {"uploads": UploadSettings(slow_start_s=0.5), "limits": LimitSettings(all_uploads=2)}
     with served(service, api_settings.model_copy(update=changes)) as faces:
         yield faces
 

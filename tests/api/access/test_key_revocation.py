@@ -63,15 +63,12 @@ def place(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> I
         yield _Place(faces, service, scene_id, "queued")
 
 
-class _Call:
-    """A call that has begun, and would go on for long."""
-
-    def __init__(self, ended: Callable[[], str]) -> None:
-        self.ended = ended  # waits for the end; returns the reason that the client is told, "" if there is none
+_Ended = Callable[[], str]
+"""Waits for the end of a call that has begun and would go on for long; returns the reason, "" if there is none."""
 
 
-def _rpc(begin: Callable[[_Place, Any], Any], read: Callable[[Any], Any] = list) -> Callable[[_Place, str], _Call]:
-    def start(place: _Place, key: str) -> _Call:
+def _rpc(begin: Callable[[_Place, Any], Any], read: Callable[[Any], Any] = list) -> Callable[[_Place, str], _Ended]:
+    def start(place: _Place, key: str) -> _Ended:
         call = begin(place, (("authorization", f"Bearer {key}"),))
 
         def ended() -> str:
@@ -81,7 +78,7 @@ def _rpc(begin: Callable[[_Place, Any], Any], read: Callable[[Any], Any] = list)
             assert refusal.code == "UNAUTHENTICATED"
             return refusal.reason
 
-        return _Call(ended)
+        return ended
 
     return start
 
@@ -134,10 +131,10 @@ def _upload(place: _Place, metadata: Any) -> Any:
     return call
 
 
-def _rest(head: Callable[[_Place], str], *, begins: bool) -> Callable[[_Place, str], _Call]:
+def _rest(head: Callable[[_Place], str], *, begins: bool) -> Callable[[_Place, str], _Ended]:
     """A request by its head; `begins`: it is answered, and the answer then goes on."""
 
-    def start(place: _Place, key: str) -> _Call:
+    def start(place: _Place, key: str) -> _Ended:
         connection = socket.create_connection(("127.0.0.1", place.faces.ports.http), timeout=20)
         lines = head(place).replace("\n", "\r\n", 1).split("\r\n", 1)
         more = f"Host: localhost\r\nConnection: close\r\nAuthorization: Bearer {key}\r\n"
@@ -162,12 +159,12 @@ def _rest(head: Callable[[_Place], str], *, begins: bool) -> Callable[[_Place, s
                 assert answer.readline().split()[1] == b"401"
                 return "UNAUTHENTICATED" if b'"UNAUTHENTICATED"' in answer.read() else "?"
 
-        return _Call(ended)
+        return ended
 
     return start
 
 
-def _events(place: _Place, key: str) -> _Call:
+def _events(place: _Place, key: str) -> _Ended:
     """Server-sent events end as a whole answer, with an event that says why."""
     client = httpx.Client(base_url=place.faces.rest.base_url, headers={"Authorization": f"Bearer {key}"}, timeout=30)
     answer = client.send(client.build_request("GET", f"/v1/operations/{place.operation_id}/events"), stream=True)
@@ -181,10 +178,10 @@ def _events(place: _Place, key: str) -> _Call:
         assert problem["status"] == 401 and problem["request_id"] == answer.headers["x-request-id"]
         return str(problem["reason"])
 
-    return _Call(ended)
+    return ended
 
 
-def _client_watch(place: _Place, key: str) -> _Call:
+def _client_watch(place: _Place, key: str) -> _Ended:
     client = Client(str(place.faces.rest.base_url), key=key)
     states = client.watch(place.operation_id)
     assert next(states).state == "QUEUED"
@@ -194,7 +191,7 @@ def _client_watch(place: _Place, key: str) -> _Call:
             list(states)
         return caught.value.reason
 
-    return _Call(ended)
+    return ended
 
 
 _BODY = "Content-Type: multipart/form-data; boundary=x\r\nContent-Length: 2000\r\n\r\n"
@@ -209,7 +206,7 @@ def _piece(place: _Place) -> str:
     )
 
 
-_CALLS: dict[str, Callable[[_Place, str], _Call]] = {
+_CALLS: dict[str, Callable[[_Place, str], _Ended]] = {
     "gRPC StreamQuery": _rpc(_stream_query),
     "gRPC WatchOperation": _rpc(_watch),
     "gRPC WaitOperation": _rpc(_wait, read=lambda call: call.result()),
@@ -233,7 +230,7 @@ def _uploads(place: _Place) -> int:
 _EXPIRING = ("gRPC StreamQuery", "gRPC CreateScene", "REST events", "REST PATCH upload")
 
 
-def _begun(place: _Place, begin: Callable[[_Place, str], _Call], lifetime_s: float) -> tuple[str, _Call] | None:
+def _begun(place: _Place, begin: Callable[[_Place, str], _Ended], lifetime_s: float) -> tuple[str, _Ended] | None:
     """A key that expires, and a call that has begun with it; None where it expired before."""
     _, key = place.key(lifetime_s=lifetime_s)
     try:
@@ -264,7 +261,7 @@ def test_a_call_ends_with_its_key_and_others_go_on(place: _Place, call: str, exp
         key_id, key = place.key()
         running = begin(place, key)
         place.service.admin.keys.revoke(key_id)
-    assert running.ended() == ("" if call == "REST scene.ply" else "UNAUTHENTICATED")
+    assert running() == ("" if call == "REST scene.ply" else "UNAUTHENTICATED")
     wait_for(lambda: _uploads(place) == 0)  # an upload that was cut leaves nothing
     assert watching.is_active()
     watching.cancel()

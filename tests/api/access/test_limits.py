@@ -154,10 +154,4 @@ def test_too_many_calls_are_told_when_to_come_again(crowded: tuple[Faces, SlowSc
     status = rpc_status.from_call(caught.value)
     retry = error_details_pb2.RetryInfo()
     assert status.details[1].Unpack(retry) and 0 < retry.retry_delay.ToNanoseconds() <= 2e9
-    assert faces.rest.get("/livez").status_code == 200
-
-
-def test_health_passes_no_limit() -> None:
-    with served(SlowScenes(), on_free_ports(limits=LimitSettings(burst=1, rate_per_s=0.001))) as faces:
-        assert {faces.rest.get(path).status_code for path in ("/livez", "/readyz") for _ in range(20)} == {200}
-        assert [faces.rest.get("/nothing").status_code for _ in range(2)] == [404, 429]
+    assert {faces.rest.get(path).status_code for path in ("/livez", "/readyz") for _ in range(20)} == {200}

@@ -199,17 +199,6 @@ def test_a_slow_reader_gets_whole_answers_and_the_newest_pose(faces: Faces, scen
     assert dropped.isdisjoint(answered) and dropped | set(answered) == set(range(1, 401))
 
 
-def test_cancelling_the_call_stops_the_work_on_its_pose(held: tuple[_Held, Faces], scene_id: str) -> None:
-    slow, faces = held
-    robot = _Robot(faces)
-    robot.ask(_question(scene_id, "mug"))
-    robot.next("accepted")
-    robot.move(1)
-    assert slow.begun.wait(60)
-    robot.replies.cancel()
-    assert slow.stopped.wait(60)
-
-
 def test_a_deadline_stops_the_work_on_its_pose(held: tuple[_Held, Faces], scene_id: str) -> None:
     slow, faces = held
 

@@ -16,7 +16,6 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client, DeadlineExceededError, Retry, Subscription
-from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import CancelledError, PermissionDeniedError, UnauthenticatedError
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.jobs.operations import SceneOptions
@@ -24,7 +23,7 @@ from fastsplat_contract.messages.queries import QueryOut, QueryRequest
 from tests.api.clients import client_of
 from tests.api.line import Line
 from tests.api.made_scene import add_scene, turned
-from tests.api.served import EndlessQuestions, Faces, OwnQuestions, served, serving
+from tests.api.served import Faces, OwnQuestions, served, serving
 from tests.api.uploaded import photo, zipped
 from tests.waiting import with_growing_limit
 
@@ -141,20 +140,6 @@ def test_clients_are_told_where_grpc_is(faces: Faces, service: SceneService, api
 def test_an_address_without_a_port_is_none(address: str) -> None:
     with pytest.raises(ValidationError):
         Settings(grpc_address=address)
-
-
-@pytest.mark.parametrize("way", ["REST", "gRPC"])
-def test_work_stops_when_its_caller_has_given_up(service: SceneService, api_settings: Settings, way: str) -> None:
-    endless = EndlessQuestions(service)
-    with served(endless, api_settings) as faces:
-        if way == "REST":
-            with client_of(faces) as client:
-                _give_up(lambda limit_s: client.query("any", "mug", timeout_s=limit_s), endless.begun)
-        else:
-            call = faces.rpc.Query(to_proto(QueryRequest("any", ("mug",))))
-            assert endless.begun.wait(60)
-            call.cancel()
-        assert endless.stopped.wait(60)
 
 
 def _give_up(ask: Callable[[float], object], begun: threading.Event) -> None:

@@ -141,15 +141,6 @@ def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneS
             assert (first.array() == second.array()).all() and first.area == first.array().sum() == second.area
 
 
-def test_a_pose_that_sees_nothing_gets_an_empty_mask(faces: Faces, scene_id: str) -> None:
-    query = QueryRequest(scene_id, ("mug",), cameras=(_AWAY,), outputs=frozenset({"mask2d"}))
-    with client_of(faces) as client:
-        for answers in (client.ask(query), client.ask(query, protocol="gRPC")):
-            (mask,) = answers[0].masks
-            assert (mask.view, mask.camera_index, mask.area) == ("", 0, 0)
-            assert mask.array().shape == (36, 48) and not mask.array().any()
-
-
 class _Places:
     """Scenes and jobs that examples are about, each made when it is asked for."""
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService
-from fastsplat_client import Client, Subscription
+from fastsplat_client import Client
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.poses import pose_of
 from fastsplat_contract.messages.queries import QueryRequest
@@ -67,14 +67,6 @@ def test_a_place_to_stand_at_that_makes_no_sense_is_refused(
     if request.scene_id:
         assert_same(outcome(lambda: client.ask(request)), truth)
     assert_same(outcome(lambda: client.ask(request, protocol="gRPC")), truth)
-
-
-def test_a_subscription_is_asked_from_where_each_pose_is(client: Client, scene_id: str) -> None:
-    question = Subscription(QueryRequest(scene_id, ("the object left of the ball",)))
-    turned_round = type(_FRONT)(_FRONT.camera, _behind())
-    for pose, obj in ((_FRONT, _MUG), (turned_round, _BOOK)):
-        (answered,) = client.stream_query(question, [pose])
-        assert answered.answers[0].object_ids == (obj,)
 
 
 def test_a_picture_shows_the_meant_object_as_seen_from_it(client: Client, scene_id: str) -> None:

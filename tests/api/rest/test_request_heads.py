@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import socket
-import ssl
 from contextlib import ExitStack
-from pathlib import Path
 
-import httpx
 import pytest
 
 from fastsplat.api.rest.middleware import MAX_HEADERS
 from fastsplat.service.settings import LimitSettings, Settings
-from tests.api.served import Faces, served, serving
+from tests.api.served import Faces, served
 
 
 def _exchange(faces: Faces, content: bytes) -> tuple[list[int], bytes]:
@@ -129,11 +126,3 @@ def test_without_keys_an_image_on_another_sites_page_is_refused(faces: Faces) ->
     refused = faces.rest.get("/v1/scenes", headers={"Sec-Fetch-Site": "cross-site"})
     assert (refused.status_code, refused.json()["field"]) == (403, "sec-fetch-site")
     assert faces.rest.get("/v1/scenes", headers={"Sec-Fetch-Site": "same-origin"}).status_code == 200
-
-
-def test_with_tls_browsers_are_told_to_stay_with_it(service: object, api_settings: Settings, pem: Path) -> None:
-    settings = api_settings.model_copy(update={"tls_cert": pem / "server.pem", "tls_key": pem / "server.key"})
-    context = ssl.create_default_context(cafile=str(pem / "ca.pem"))
-    with serving(service, settings) as ports:
-        answer = httpx.get(f"https://127.0.0.1:{ports.http}/livez", verify=context, timeout=60)
-    assert "max-age" in answer.headers["strict-transport-security"]

@@ -34,15 +34,20 @@ def test_head_of_an_event_stream_ends(faces: Faces, service: SceneService, scene
 
 
 @pytest.mark.parametrize(
-    "path", ["rgb.png?view=front.png", "mask.png?view=front.png&text=mug", "depth.npy?view=front.png"]
+    "path",
+    [
+        *("rgb.png?view=front.png", "mask.png?view=front.png&text=mug", "depth.npy?view=front.png"),
+        *("mask3d.bin?text=mug", "mask3d.bin?text=mug&encoding=runs"),
+    ],
 )
-def test_a_picture_that_a_client_has_is_not_made_again(
+def test_a_picture_or_mask_that_a_client_has_is_not_made_again(
     faces: Faces, service: SceneService, scene_id: str, path: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     url = f"/v1/scenes/{scene_id}/{path}"
     first = faces.rest.get(url)
     tag = first.headers["etag"]
-    second = faces.rest.get(url.replace("front.png", "a/b/right.png"))
+    assert first.status_code == 200 and "no-cache" in first.headers["cache-control"]
+    second = faces.rest.get(url.replace("front.png", "a/b/right.png").replace("mug", "ball"))
     assert second.headers["etag"] != tag and second.content != first.content
     monkeypatch.setattr(service.answers, "picture", lambda request: pytest.fail("made again"))
     for tags in (tag, f'"x", W/{tag}', "*"):
@@ -50,17 +55,6 @@ def test_a_picture_that_a_client_has_is_not_made_again(
         assert again.status_code == 304 and again.content == b"" and again.headers["etag"] == tag
     gone = faces.rest.get(url.replace(scene_id, "none"), headers={"If-None-Match": "*"})
     assert rest_refusal(gone).reason == "NOT_FOUND"
-
-
-@pytest.mark.parametrize("path", ["mask3d.bin?text=mug", "mask3d.bin?text=mug&encoding=runs"])
-def test_a_mask_that_a_client_has_is_not_made_again(faces: Faces, scene_id: str, path: str) -> None:
-    url = f"/v1/scenes/{scene_id}/{path}"
-    first = faces.rest.get(url)
-    tag = first.headers["etag"]
-    assert first.status_code == 200 and "no-cache" in first.headers["cache-control"]
-    assert faces.rest.get(url.replace("mug", "ball")).headers["etag"] != tag
-    again = faces.rest.get(url, headers={"If-None-Match": tag})
-    assert again.status_code == 304 and again.content == b"" and again.headers["etag"] == tag
 
 
 @pytest.mark.parametrize("path", ["/", "/web/icon.svg", "/docs-files/swagger-ui.css"])

@@ -113,11 +113,6 @@ def test_pages_show_all_also_where_names_are_suggested_and_given_between_them(cl
     assert [suggestion["name"] for suggestion in rest["objects"][1]["suggestions"]] == ["violin"]
 
 
-def test_where_all_have_names_there_is_no_picture(service: SceneService, scene_id: str) -> None:
-    sheet = service.sheets.page(scene_id)
-    assert (sheet.picture, sheet.objects, sheet.unseen, sheet.next_page_token) == (b"", (), (), "")
-
-
 @pytest.mark.parametrize("count", [1, 2, 5, MOST_OBJECTS])
 def test_cells_stand_in_rows_by_number(count: int) -> None:
     side = cell_side(count)

@@ -54,12 +54,7 @@ def room_id(service: SceneService, api_settings: Settings) -> str:
 
 
 def test_every_face_says_the_same_place(
-    faces: Faces,
-    service: SceneService,
-    client: Client,
-    room_id: str,
-    picture: np.ndarray,
-    tmp_path: Path,
+    faces: Faces, service: SceneService, client: Client, room_id: str, picture: np.ndarray, tmp_path: Path
 ) -> None:
     photos = (image_file(picture), PLAIN_PNG)
     request = LocalizeRequest(scene_id=room_id, photos=photos, focals=(420.0, 30.0))

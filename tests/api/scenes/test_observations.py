@@ -91,12 +91,7 @@ def _stored_photos(service: SceneService, scene_id: str) -> list[Path]:
 
 
 def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
-    faces: Faces,
-    service: SceneService,
-    client: Client,
-    room_id: str,
-    without: tuple[bytes, ...],
-    tmp_path: Path,
+    faces: Faces, service: SceneService, client: Client, room_id: str, without: tuple[bytes, ...], tmp_path: Path
 ) -> None:
     first = client.scene(room_id).version
     observation = client.observe(room_id, without, focals=(420.0,), seen_at=_MONDAY)

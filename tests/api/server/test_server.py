@@ -29,15 +29,6 @@ from tests.color_segmenter import write_color_segmenter
 from tests.waiting import wait_for
 
 
-def test_health_answers_on_both_ports(faces: Faces) -> None:
-    assert faces.rest.get("/livez").json() == {"status": "ok"}
-    assert faces.rest.get("/readyz").status_code == 200
-    stub = health_pb2_grpc.HealthStub(faces.channel)
-    for name in ("", "fastsplat.v1.SceneService"):
-        answer = stub.Check(health_pb2.HealthCheckRequest(service=name))
-        assert answer.status == health_pb2.HealthCheckResponse.SERVING
-
-
 def test_not_ready_without_models_until_they_come(
     api_settings: Settings, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -53,9 +44,11 @@ def test_not_ready_without_models_until_they_come(
         assert status() == (503, health_pb2.HealthCheckResponse.NOT_SERVING)
         refused = faces.rest.get("/readyz")
         assert refused.headers["retry-after"] and "words" in refused.json()["detail"]
-        assert faces.rest.get("/livez").status_code == 200
+        assert faces.rest.get("/livez").json() == {"status": "ok"}
         write_words(settings.models)
         wait_for(lambda: status() == (200, health_pb2.HealthCheckResponse.SERVING))
+        by_name = stub.Check(health_pb2.HealthCheckRequest(service="fastsplat.v1.SceneService"))
+        assert by_name.status == health_pb2.HealthCheckResponse.SERVING
 
 
 def test_photos_whose_job_would_lack_a_model_are_refused_when_they_are_posted(

@@ -19,11 +19,11 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import serving
 
 
-def _rest(ports: Ports, pem: Path, client: str = "") -> int:
+def _rest(ports: Ports, pem: Path, client: str = "") -> httpx.Response:
     context = ssl.create_default_context(cafile=str(pem / "ca.pem"))
     if client:
         context.load_cert_chain(pem / f"{client}.pem", pem / f"{client}.key")
-    return httpx.get(f"https://127.0.0.1:{ports.http}/v1/scenes", verify=context, timeout=60).status_code
+    return httpx.get(f"https://127.0.0.1:{ports.http}/v1/scenes", verify=context, timeout=60)
 
 
 def _grpc(ports: Ports, pem: Path, client: str = "") -> None:
@@ -36,7 +36,8 @@ def _grpc(ports: Ports, pem: Path, client: str = "") -> None:
 def test_both_ports_speak_tls_and_nothing_else(service: SceneService, api_settings: Settings, pem: Path) -> None:
     files = {"tls_cert": pem / "server.pem", "tls_key": pem / "server.key"}
     with serving(service, api_settings.model_copy(update=files)) as ports:
-        assert _rest(ports, pem) == 200
+        answer = _rest(ports, pem)
+        assert answer.status_code == 200 and "max-age" in answer.headers["strict-transport-security"]
         _grpc(ports, pem)
         with pytest.raises(httpx.TransportError):
             httpx.get(f"http://127.0.0.1:{ports.http}/livez", timeout=60)
@@ -47,7 +48,7 @@ def test_both_ports_speak_tls_and_nothing_else(service: SceneService, api_settin
 def test_clients_may_have_to_show_a_certificate(service: SceneService, api_settings: Settings, pem: Path) -> None:
     files = {"tls_cert": pem / "server.pem", "tls_key": pem / "server.key", "tls_client_ca": pem / "ca.pem"}
     with serving(service, api_settings.model_copy(update=files)) as ports:
-        assert _rest(ports, pem, "client") == 200
+        assert _rest(ports, pem, "client").status_code == 200
         _grpc(ports, pem, "client")
         for client in ("", "stranger"):
             with pytest.raises(httpx.TransportError):

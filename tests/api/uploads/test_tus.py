@@ -161,11 +161,3 @@ def test_gone_is_gone(faces: Faces) -> None:
     assert faces.rest.head(path, headers=TUS).status_code == 404
     assert _patch(faces, path, 0, b"abcd").status_code == 404
     assert faces.rest.delete(path, headers=TUS).status_code == 404
-
-
-def test_no_scene_is_made_of_half_an_upload(faces: Faces) -> None:
-    path = _create(faces, "a.zip", 4)
-    answer = faces.rest.post("/v1/scenes", files=_form({"uploads": path.rpartition("/")[2]}))
-    assert rest_refusal(answer).code == 409
-    answer = faces.rest.post("/v1/scenes", files=_form({"uploads": "nothing"}))
-    assert rest_refusal(answer).code == 404

@@ -16,12 +16,7 @@ from benchmarks.evaluation.datasets.training import training_capture
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat_contract.errors import (
-    CorruptImageError,
-    InvalidInputError,
-    LimitExceededError,
-    NotFoundError,
-)
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, NotFoundError
 from tests.benchmarks.evaluation import made_data
 
 SETTINGS = CaptureSettings()

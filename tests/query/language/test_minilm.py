@@ -168,12 +168,8 @@ def test_negatives_templates_and_coverage_are_the_questions_own(minilm: TextEnco
     # Likeness to negatives decides nothing by the default score, so that what was calibrated still holds.
     assert [match.probability for match in against.matches] == [match.probability for match in usual.matches]
     (bare,) = index.ask(["fork"], templates=["{}"])
-    assert (
-        bare.probability is None
-        and bare.coverage is None
-        and bare.label_set == ()
-        and "not calibrated" in (bare.sentence)
-    )
+    assert bare.probability is None and bare.coverage is None and bare.label_set == ()
+    assert "not calibrated" in (bare.sentence)
     assert index.ask(["fork"], templates=QuerySettings().templates)[0] == usual
     sets = [index.ask(["fork"], coverage=coverage)[0].label_set for coverage in (1e-9, 0.5, 0.8, 0.9, 0.95, 1 - 1e-9)]
     assert [len(chosen) for chosen in sets] == sorted(len(chosen) for chosen in sets)

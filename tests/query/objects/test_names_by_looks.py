@@ -106,10 +106,8 @@ def test_the_more_sizes_differ_the_less_probable_a_name_is() -> None:
     known = [_sized("mug", _looks((0, 0.85), (1, 0.527)), 0.1, 0.1, 0.1), _sized("jar", _looks((2, 1)), 0.1, 0.1, 0.1)]
     suggestions = [names_by_looks([obj], known, {1: np.full(3, 0.1 * times)}) for times in (1, 1.2, 1.4, 4)]
     probabilities = [names[1].probability if names else 0.0 for names in suggestions]
-    assert (
-        probabilities == sorted(probabilities, reverse=True)
-        and probabilities[0] > probabilities[1] > probabilities[2] >= 0.4
-    )
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert probabilities[0] > probabilities[1] > probabilities[2] >= 0.4
     assert probabilities[-1] == 0
     flat = names_by_looks([obj], [_sized("mug", _looks((0, 1)), 0.0, 0.1, 0.1)], {1: np.array([0.0, 0.1, 0.1])})
     assert flat[1].probability == pytest.approx(0.95)

@@ -94,11 +94,7 @@ def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(labeled: Scene, 
     assert list(ids_of(removed)) == [twin, book, book + 1]
     # No id is given twice, not even that of the last object once it is gone.
     gone = edited(removed, Edit("discard", object_ids=(book + 1,)))
-    assert list(ids_of(edited(gone, Edit("duplicate", object_ids=(book,), transform=aside)))) == [
-        twin,
-        book,
-        book + 2,
-    ]
+    assert list(ids_of(edited(gone, Edit("duplicate", object_ids=(book,), transform=aside)))) == [twin, book, book + 2]
 
 
 @pytest.mark.parametrize("kind", ["labeled", "discovered"])
@@ -181,11 +177,8 @@ def test_absence_is_said_only_where_it_can_be_known(
     assert [answer.outcome for answer in (violinist, spoon, sofa, piano)] == ["not_here"] * 4
     assert 0.5 < (spoon.probability or 0) < (violinist.probability or 0) < 1
     assert (keyboard.outcome, set(keyboard.object_ids), set(goose.object_ids)) == ("cannot_say", {4, 7, 9}, {4, 7})
-    assert (
-        keyboard.probability is None
-        and not keyboard.relevant_ids
-        and "; 3 objects may be it; name" in keyboard.sentence
-    )
+    assert keyboard.probability is None and not keyboard.relevant_ids
+    assert "; 3 objects may be it; name" in keyboard.sentence
     assert (index.mask3d(keyboard) == index.objects.rows(keyboard.object_ids)).all()
     named = SceneIndex(apply_edit(index, name((4, 7, 9), "jar")), calibrated_encoder, settings, lexicon=lexicon)
     (keyboard,) = named.ask([phrasing.format("keyboard")])

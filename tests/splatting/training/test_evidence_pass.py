@@ -143,16 +143,6 @@ def test_maps_that_do_not_fit_are_refused(trained: TrainedSplats, world: World) 
             view_evidence(trained.gaussians, posed, labels, CLASSES, valid=valid)
 
 
-def test_held_out_label_maps_have_no_say(world: World, quick: Callable[..., TrainingSettings]) -> None:
-    capture, labelling = world
-    _, held_out = split_views(len(capture.views), 8)
-    maps = tuple(m * 0 + 1 if i in held_out else m for i, m in enumerate(labelling.label_maps))
-    settings = quick(label_mode="evidence")
-    before = train(capture, labelling, settings, silent)
-    after = train(capture, Labelling(labelling.dictionary, maps), settings, silent)
-    assert before.evidence is not None and after.evidence is not None and same(before.evidence, after.evidence)
-
-
 def test_views_that_contradict_each_other_are_counted_as_they_are(trained: TrainedSplats, world: World) -> None:
     posed = world[0].views[0].posed
     shape = world[1].label_maps[0].shape

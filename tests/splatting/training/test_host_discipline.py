@@ -73,8 +73,7 @@ def test_the_device_is_as_strict_as_a_gpu(device: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "changes",
-    [{"tolerance_db": 0.1}, {"label_mode": "evidence"}, {"photometric": "on", "background": "random"}],
+    "changes", [{"tolerance_db": 0.1}, {"label_mode": "evidence"}, {"photometric": "on", "background": "random"}]
 )
 def test_training(world, quick, device: str, changes: dict[str, Any], tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(requirement, "FEWEST_STEPS", 2)

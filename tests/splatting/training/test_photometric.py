@@ -41,7 +41,7 @@ from fastsplat.service.splatting.training.train import train
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView, load_views
 from fastsplat_contract.errors import CancelledError
-from tests.splatting.training.conftest import exposed, repainted, stopping_at
+from tests.splatting.training.conftest import exposed, repainted, same_run, stopping_at
 
 _CORRECTION = torch.tensor([0.7, -0.2, 0.1], dtype=torch.float64)
 
@@ -115,8 +115,7 @@ def _rows(trained: TrainedSplats) -> Tensor:
 
 
 def _same(first: TrainedSplats, second: TrainedSplats) -> bool:
-    pairs = [(first.gaussians.means, second.gaussians.means), (first.gaussians.sh, second.gaussians.sh)]
-    return all(np.array_equal(*pair) for pair in pairs) and first.photometric == second.photometric
+    return same_run(first, second) and first.photometric == second.photometric
 
 
 def test_a_run_finds_the_exposures_of_its_photos_by_itself(world, quick, tmp_path: Path) -> None:

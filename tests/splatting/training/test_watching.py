@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import gc
 import weakref
 
@@ -16,6 +15,7 @@ from fastsplat.service.splatting.training import optimization
 from fastsplat.service.splatting.training.previews import PREVIEW_SHARE, PreviewBudget, TrainingPreview, TrainingWatch
 from fastsplat.service.splatting.training.train import train
 from fastsplat_contract.errors import CancelledError
+from tests.splatting.training.conftest import same_run
 
 
 @pytest.mark.parametrize("cost_s", [0.001, 0.02, 1.5])
@@ -36,11 +36,17 @@ def test_pictures_take_no_more_than_their_share_of_any_time(cost_s: float) -> No
     assert gaps.max() < max(32.0, 2.2 * cost_s / PREVIEW_SHARE)
 
 
-def test_a_run_shows_itself_from_its_first_step_and_stays_the_same(world, quick) -> None:
-    settings = quick(iterations=12)
+def test_a_run_shows_itself_hands_on_what_it_has_at_the_shares_that_are_asked_for_and_stays_the_same(
+    world, quick
+) -> None:
     pictures: list[TrainingPreview] = []
-    watched = train(*world, settings, silent, watch=TrainingWatch(pictures.append))
-    alone = train(*world, settings, silent)
+    drafts: list[tuple[TrainedSplats, float]] = []
+    watch = TrainingWatch(pictures.append, draft=lambda *draft: drafts.append(draft), drafts_at=(0.25, 0.5))
+    watched, alone = (
+        train(*world, quick(iterations=12), silent, watch=watch),
+        train(*world, quick(iterations=12), silent),
+    )
+    assert same_run(watched, alone)
 
     first = pictures[0]
     assert first.step == 1 and first.gaussians > 0
@@ -48,21 +54,11 @@ def test_a_run_shows_itself_from_its_first_step_and_stays_the_same(world, quick)
     pixels = cv2.imdecode(np.frombuffer(first.jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert pixels.shape == (first.height, first.width, 3) and max(pixels.shape) <= 320 and pixels.std() > 1
     assert 0 < watched.quality["preview_seconds"] < watched.quality["train_seconds"]
-    for field in dataclasses.fields(alone.gaussians):
-        assert np.array_equal(getattr(watched.gaussians, field.name), getattr(alone.gaussians, field.name))
 
-
-def test_a_run_hands_on_what_it_has_at_the_shares_that_are_asked_for_and_stays_the_same(world, quick) -> None:
-    settings = quick(iterations=12)
-    handed: list[tuple[TrainedSplats, float]] = []
-    watch = TrainingWatch(draft=lambda splats, share: handed.append((splats, share)), drafts_at=(0.25, 0.5))
-    watched, alone = train(*world, settings, silent, watch=watch), train(*world, settings, silent)
-    assert [share for _, share in handed] == [0.25, 0.5]
-    for splats, _ in handed:
+    assert [share for _, share in drafts] == [0.25, 0.5]
+    for splats, _ in drafts:
         assert len(splats.gaussians) and np.isfinite(splats.gaussians.means).all()
         assert splats.head.weight.shape == alone.head.weight.shape
-    for field in dataclasses.fields(alone.gaussians):
-        assert np.array_equal(getattr(watched.gaussians, field.name), getattr(alone.gaussians, field.name))
 
 
 @pytest.fixture

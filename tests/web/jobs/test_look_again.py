@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from playwright.sync_api import Browser, expect
 
-from tests.web.browser import Visit, visiting
+from tests.web.browser import PHONE, Visit, visiting
 from tests.web.places import MARKUP, Place
-
-_PHONE = {"width": 390, "height": 844}
 
 
 def _look(visit: Visit, names: str) -> None:
@@ -17,7 +15,7 @@ def _look(visit: Visit, names: str) -> None:
 
 
 def test_names_are_looked_for(place: Place, browser: Browser, scene_id: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{scene_id}", viewport=_PHONE) as visit:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}", **PHONE) as visit:
         _look(visit, f"trophy, {MARKUP}")
         note = visit.page.locator(".improve [role=status]")
         expect(note).to_contain_text("Waiting for a worker.")
@@ -31,7 +29,7 @@ def test_names_are_looked_for(place: Place, browser: Browser, scene_id: str) -> 
 
 
 def test_a_server_that_cannot_look_says_what_it_lacks(small: Place, browser: Browser) -> None:
-    with visiting(browser, small.url, f"#/scenes/{small.new_scene()}", viewport=_PHONE) as visit:
+    with visiting(browser, small.url, f"#/scenes/{small.new_scene()}", **PHONE) as visit:
         visit.expected.append("409")
         _look(visit, "trophy")
         expect(visit.page.get_by_role("alert")).to_contain_text("no open-set detector", ignore_case=True)

@@ -14,16 +14,11 @@ from fastsplat.service.store.rows.database import transaction
 from fastsplat.service.store.rows.schema import api_keys
 from fastsplat_contract.messages.scenes import SceneSummary
 from fastsplat_contract.server.keys import UploadKeyIn
-from tests.web.browser import Visit, visiting
+from tests.web.browser import PHONE, Visit, visiting
 from tests.web.photos import write_photos
 from tests.web.places import Place
 
-_PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
-
-
-def _elsewhere(guarded: Place) -> str:
-    """Where a phone finds the page."""
-    return guarded.settings.page_address
+_PHONE = {**PHONE, "has_touch": True}
 
 
 def _posted(guarded: Place) -> list[SceneSummary]:
@@ -36,7 +31,7 @@ def _link(guarded: Place, visit: Visit, folder: Path) -> str:
     visit.sign_in(guarded.new_key("editor"))
     expect(visit.page.get_by_text("A phone cannot reach this page at 127.0.0.1.")).to_be_visible()
     visit.check_accessible()
-    visit.page.get_by_role("button", name=f"Show a QR code for {_elsewhere(guarded)}/").click()
+    visit.page.get_by_role("button", name=f"Show a QR code for {guarded.settings.page_address}/").click()
     code = visit.page.get_by_role("img", name="QR code of the link")
     expect(code).to_be_visible()
     visit.check_accessible()
@@ -52,11 +47,12 @@ def _link(guarded: Place, visit: Visit, folder: Path) -> str:
 def test_a_phone_posts_one_scene_by_the_code_and_follows_it(guarded: Place, browser: Browser, tmp_path: Path) -> None:
     with visiting(browser, guarded.url, "#/new", color_scheme="dark", device_scale_factor=1) as desk:
         link = _link(guarded, desk, tmp_path)
-    assert link.startswith(f"{_elsewhere(guarded)}/#/phone?key=fsk_")
-    with visiting(browser, _elsewhere(guarded), _behind(link), **_PHONE) as phone:
+    url = guarded.settings.page_address  # where a phone finds the page
+    assert link.startswith(f"{url}/#/phone?key=fsk_")
+    with visiting(browser, url, link.removeprefix(f"{url}/"), **_PHONE) as phone:
         page = phone.page
         expect(page.get_by_role("heading", name="New scene")).to_be_visible()
-        assert page.url == f"{_elsewhere(guarded)}/#/phone"  # the key is in no history
+        assert page.url == f"{url}/#/phone"  # the key is in no history
         expect(page.get_by_role("link", name="Scenes")).to_have_count(0)
         camera = page.get_by_label("Take photos")
         expect(camera).to_have_attribute("capture", "environment")
@@ -73,10 +69,10 @@ def test_a_phone_posts_one_scene_by_the_code_and_follows_it(guarded: Place, brow
         key = link.partition("key=")[2]
         assert not [url for url in phone.requests if key in url]
         phone.expected.append("401")
-        page.goto(f"{_elsewhere(guarded)}/#/")  # the link opens nothing else
+        page.goto(f"{url}/#/")  # the link opens nothing else
         expect(page.get_by_text("This server needs an access key.")).to_be_visible()
     assert [scene.name for scene in _posted(guarded)] == ["by phone"]
-    with visiting(browser, _elsewhere(guarded), _behind(link), **_PHONE) as second:
+    with visiting(browser, url, link.removeprefix(f"{url}/"), **_PHONE) as second:
         expect(second.page.get_by_role("heading", name="Your photos have arrived")).to_be_visible()
         assert len(_posted(guarded)) == 1
 
@@ -114,8 +110,3 @@ def test_a_page_that_only_this_machine_reaches_offers_no_link(place: Place, brow
         expect(visit.page.get_by_text("A phone cannot reach this page at 127.0.0.1.")).to_be_visible()
         expect(visit.page.get_by_text("FASTSPLAT_HOST")).to_be_visible()
         expect(visit.page.get_by_role("button", name=re.compile("QR code"))).to_have_count(0)
-
-
-def _behind(link: str) -> str:
-    """The page's own part of an address."""
-    return "#" + link.partition("#")[2]

@@ -7,7 +7,7 @@ from playwright.sync_api import Browser, expect
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
 from tests.scenes import finish_job, queued_job
-from tests.web.browser import visiting
+from tests.web.browser import PHONE, visiting
 from tests.web.places import MARKUP, Place
 from tests.web.table import table
 
@@ -22,7 +22,7 @@ def test_verdicts_are_there_during_the_job_and_stay_with_the_scene(place: Place,
     claim = store.jobs.claim(job.operation_id)
     running = {"stage": "capture", "fraction": 0.5, "message": "", "seconds": 1.0, "metrics": {}}
     store.jobs.report(claim, [running])
-    with visiting(browser, place.url, f"#/scenes/{job.scene_id}", viewport={"width": 390, "height": 844}) as visit:
+    with visiting(browser, place.url, f"#/scenes/{job.scene_id}", **PHONE) as visit:
         page = visit.page
         expect(page.get_by_role("progressbar", name="Photos and cameras")).to_be_visible()
         expect(page.get_by_role("heading", name="Photos", exact=True)).to_have_count(0)

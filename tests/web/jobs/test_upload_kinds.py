@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from fastsplat.service.application.service import SceneService
-from tests.web.browser import visiting
+from tests.web.browser import PHONE, visiting
 from tests.web.photos import write_photos
 from tests.web.places import Place
 
@@ -67,7 +67,7 @@ def test_a_full_quota_is_said_before_anything_is_sent(small: Place, browser: Bro
     with visiting(browser, small.url, "#/new") as visit:
         visit.page.get_by_label("Choose files").set_input_files(write_photos(tmp_path, 3))
         _post(visit.page, small)
-    with visiting(browser, small.url, "#/new", viewport={"width": 390, "height": 844}) as visit:
+    with visiting(browser, small.url, "#/new", **PHONE) as visit:
         expect(visit.page.get_by_role("alert")).to_contain_text("as many scenes as it may")
         visit.page.get_by_label("Choose files").set_input_files(write_photos(tmp_path, 3))
         expect(visit.page.get_by_role("button", name="Upload")).to_be_disabled()

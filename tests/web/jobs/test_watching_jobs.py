@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, Route, expect
 
 from fastsplat.service.store.queue.claims import Claim
 from tests.api.training_job import add_training_job, make_old, show_training
-from tests.web.browser import visiting
+from tests.web.browser import PHONE, visiting
 from tests.web.places import Place
 
 _PICTURE = "The scene as it is trained so far"
@@ -57,8 +57,7 @@ def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(
 
 
 def test_a_training_is_stopped_early_and_kept_by_keyboard(place: Place, browser: Browser, training: Claim) -> None:
-    phone = {"viewport": {"width": 390, "height": 844}, "color_scheme": "dark"}
-    with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}", **phone) as visit:
+    with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}", **PHONE, color_scheme="dark") as visit:
         page = visit.page
         expect(page.get_by_role("button", name="Turn right")).to_be_visible()
         assert visit.fits()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, expect
 
 from tests.api.proxy import proxied
-from tests.web.browser import visiting
+from tests.web.browser import TOUCH_PHONE, visiting
 from tests.web.glow import page_view
 from tests.web.places import Place
 
@@ -108,8 +108,7 @@ def test_the_camera_moves_by_mouse(place: Place, webgl_browser: Browser) -> None
 
 
 def test_the_camera_moves_by_touch(place: Place, browser: Browser) -> None:
-    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", **phone) as visit:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", **TOUCH_PHONE) as visit:
         visit.shows("plain")
         start, session = page_view(visit.page), visit.page.context.new_cdp_session(visit.page)
 

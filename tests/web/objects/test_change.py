@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from fastsplat.service.scene.artefact.scene import Gaussians
-from tests.web.browser import Visit, drawn_canvas, visiting
+from tests.web.browser import TOUCH_PHONE, Visit, drawn_canvas, visiting
 from tests.web.glow import pixels_of
 from tests.web.places import Place
 
@@ -136,8 +136,7 @@ def test_what_is_hidden_or_shown_alone_is_no_version(place: Place, webgl_browser
 
 
 def test_changing_on_a_phone(place: Place, browser: Browser, scene_id: str) -> None:
-    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}", **phone) as visit:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}", **TOUCH_PHONE) as visit:
         visit.scene_shown()
         menu = _menu(visit)
         menu.get_by_role("button", name="Move or turn").click()

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, expect
 from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.made_scene import LABELS
-from tests.web.browser import Visit, visiting
+from tests.web.browser import TOUCH_PHONE, Visit, visiting
 from tests.web.glow import canvas_pixels, glowing, overlap, page_camera, server_mask
 from tests.web.objects.test_ask import _VIEW
 from tests.web.places import MARKUP, Place
@@ -103,8 +103,7 @@ def test_the_file_is_small_and_asks_nobody(place: Place, webgl_browser: Browser,
     assert re.search(r'http-equiv="Content-Security-Policy" content="default-src \'none\'; script-src \'sha256-', text)
     assert not re.search(r"""<(?:link|script|img|iframe)[^>]+(?:href|src)=""", text.partition("<style>")[0])
     assert re.search(r"^playcanvas \S+ \(MIT\)$", text, re.MULTILINE)
-    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
-    with _opened(webgl_browser, file, "#?q=ball", **phone) as visit:
+    with _opened(webgl_browser, file, "#?q=ball", **TOUCH_PHONE, color_scheme="dark") as visit:
         visit.shows("answer")
         assert visit.fits()
         visit.check_accessible()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.messages.scenes import SceneUpdate
-from tests.web.browser import Visit, visiting
+from tests.web.browser import PHONE, Visit, visiting
 from tests.web.places import MARKUP, Place
 
 
@@ -17,7 +17,7 @@ def _rename(visit: Visit, name: str) -> None:
 
 
 def test_a_scene_is_renamed_and_markup_stays_text(place: Place, browser: Browser, scene_id: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{scene_id}", viewport={"width": 390, "height": 844}) as visit:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}", **PHONE) as visit:
         _rename(visit, MARKUP)
         expect(visit.page.get_by_role("heading", level=1)).to_have_text(MARKUP)
         expect(visit.page.get_by_role("button", name="Rename")).to_be_focused()

@@ -12,7 +12,7 @@ from fastsplat.service.store.rows.schema import workers
 from fastsplat_contract.server.keys import Role
 from tests.api.made_scene import add_known_name
 from tests.scenes import queued_job
-from tests.web.browser import Visit, visiting
+from tests.web.browser import PHONE, Visit, visiting
 from tests.web.places import MARKUP, Place
 
 
@@ -78,7 +78,7 @@ def test_jobs_are_cancelled_and_retried_from_the_list(guarded: Place, browser: B
     job = queued_job(f"job {MARKUP}")
     service._store.scenes.create(job)
     service._store.blobs.upload(job.upload_id).mkdir(parents=True)
-    with visiting(browser, guarded.url, viewport={"width": 390, "height": 844}) as visit:
+    with visiting(browser, guarded.url, **PHONE) as visit:
         page = _signed_in(visit, guarded, "editor")
         expect(page.get_by_role("heading", name="Access keys")).to_have_count(0)
         row = page.get_by_role("list", name="Jobs").get_by_role("listitem").filter(has_text="job ")

@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.photos.pictures import PictureRequest
-from tests.web.browser import Visit, visiting
+from tests.web.browser import PHONE, Visit, visiting
 from tests.web.glow import view_camera
 from tests.web.objects.test_ask import _VIEW
 from tests.web.places import Place
@@ -67,7 +67,7 @@ def test_scene_object_masks_and_picture_are_the_servers(place: Place, browser: B
 
 
 def test_where_no_link_can_be_made_the_page_says_so_and_offers_a_file(place: Place, browser: Browser) -> None:
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}", viewport={"width": 390, "height": 844}) as visit:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}", **PHONE) as visit:
         visit.shows("plain")
         visit.tab("Share")
         expect(visit.page.get_by_text("This server asks nobody for a key, so a link")).to_be_visible()

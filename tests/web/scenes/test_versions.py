@@ -8,7 +8,7 @@ import numpy as np
 from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.messages.scenes import Color, Edit
-from tests.web.browser import drawn_canvas, visiting
+from tests.web.browser import PHONE, drawn_canvas, visiting
 from tests.web.places import MARKUP, Place
 
 
@@ -19,8 +19,7 @@ def _names(place: Place, scene_id: str) -> list[str]:
 def test_undo_and_redo_by_keyboard(place: Place, browser: Browser, scene_id: str) -> None:
     place.service.versions.edit(scene_id, [Edit("name", object_ids=(1,), name="violin")])
     place.service.versions.edit(scene_id, [Edit("merge", object_ids=(1, 2))])
-    phone = {"viewport": {"width": 390, "height": 844}, "color_scheme": "dark"}
-    with visiting(browser, place.url, f"#/scenes/{scene_id}", **phone) as visit:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}", **PHONE, color_scheme="dark") as visit:
         canvas, rows = visit.scene_shown(), visit.tab("Objects").locator(".object-list li")
         expect(rows).to_have_count(2)
         canvas.focus()

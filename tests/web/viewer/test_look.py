@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, Locator, expect
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.store.blobs.blobs import remove
 from fastsplat_contract.photos.pictures import PictureRequest
-from tests.web.browser import Visit, drawn, visiting
+from tests.web.browser import PHONE, Visit, drawn, visiting
 from tests.web.glow import pixels_of, projected, view_camera
 from tests.web.places import Place
 
@@ -209,9 +209,7 @@ def test_a_scene_without_photos_compares_with_nothing_and_says_so(place: Place, 
     scene_id = place.new_scene("old")
     folder = place.service._store.blobs.version(scene_id, place.service.get_scene(scene_id).version)
     remove(photo_path(folder, 0).parent)
-    with visiting(
-        webgl_browser, place.url, f"#/scenes/{scene_id}?q=mug", viewport={"width": 390, "height": 844}
-    ) as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}?q=mug", **PHONE) as visit:
         canvas = _ready(visit)
         expect(visit.page.locator(".ask .best-photos")).to_contain_text("Views that show it best")
         expect(visit.page.locator(".ask .best-photos img.picture")).to_have_count(3)  # pictures of the scene itself

@@ -10,7 +10,7 @@ import numpy as np
 from playwright.sync_api import Browser, expect
 
 from tests.api.scenes.test_observations import add_room, drawn_photos
-from tests.web.browser import visiting
+from tests.web.browser import PHONE, visiting
 from tests.web.places import Place
 
 
@@ -43,7 +43,7 @@ def test_what_is_gone_is_told_shown_and_undone(place: Place, browser: Browser, t
     paths = [tmp_path / f"{number}.png" for number in range(3)]
     for path, content in zip(paths, drawn_photos(block=False), strict=True):
         path.write_bytes(content)
-    with visiting(browser, place.url, f"#/scenes/{room}", viewport={"width": 390, "height": 844}) as visit:
+    with visiting(browser, place.url, f"#/scenes/{room}", **PHONE) as visit:
         page = visit.page
         visit.tab("Photos").locator("summary", has_text="Compare with today").click()
         compare = page.get_by_role("button", name="Compare", exact=True)

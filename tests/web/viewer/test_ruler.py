@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, expect
 
 from tests.scenes import store_scene
-from tests.web.browser import Visit, visiting
+from tests.web.browser import PHONE, Visit, visiting
 from tests.web.places import Place
 from tests.web.table import table
 
@@ -69,8 +69,7 @@ def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
 
 
 def test_measuring_by_keyboard_alone(place: Place, browser: Browser, scene_id: str) -> None:
-    phone = {"viewport": {"width": 390, "height": 844}}
-    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}", **phone) as visit:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}", **PHONE) as visit:
         visit.scene_shown()
         note = _ruler(visit)
         visit.page.locator("canvas").focus()
