@@ -21,6 +21,9 @@ from fastsplat.service.perception.box_ops import nms
 from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
 from fastsplat.service.perception.detectors.owl import OwlV2, OwlViT
 from fastsplat.service.perception.detectors.yolo_world import YoloWorld
+from fastsplat.service.perception.label_maps import capture_detection
+from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, joined
 from fastsplat.service.perception.text.text_encoders import LabelTable
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
@@ -254,6 +257,31 @@ def test_yolo_world_is_read_by_the_names_of_its_file(prompts: str, table: Path, 
     np.testing.assert_allclose(found.scores, [0.9, 0.85], atol=1e-6)
     np.testing.assert_allclose(found.boxes, [[90, 45, 110, 55], [0, 0, 20, 10]], atol=1e-4)
     assert detector.detect(np.zeros((100, 200, 3), np.uint8), [], 0.0).labels == ()
+
+
+def test_a_slow_open_set_detector_looks_at_fewer_views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As many as 240 s allow by the time of the first, two at a time, spread over the capture; of two, both."""
+    outputs, rows = _CONTRACTS["txt_feats"]
+    write_network(tmp_path / "mine" / "m.onnx", _YOLO.format(prompts="txt_feats", outputs=outputs, rows=rows))
+    (tmp_path / "words").mkdir()
+    np.savez(tmp_path / "words" / "w.npz", names=np.array(["cup"]), embeds=np.eye(4, dtype=np.float32)[:1])
+    settings = PerceptionSettings(open_set_detector="yolo_world:mine", prompt_encoder="label_table:words", threads=2)
+    messages: list[str] = []
+
+    def chosen(seconds: float, count: int) -> list[int]:
+        clock = iter((5.0, 5.0 + seconds))
+        monkeypatch.setattr(capture_detection, "monotonic", lambda: next(clock))
+        detector = CaptureDetector(
+            lambda _: _PHOTO, count, ["cup"], settings, tmp_path, lambda done, text: messages.append(text)
+        )
+        views = detector.limited()
+        assert all(map(len, detector.detections(range(len(views)))))
+        return views
+
+    assert chosen(96.0, 9) == [0, 2, 4, 6, 8]
+    assert messages[-1].endswith("view 5/5")
+    assert chosen(1.0, 9) == list(range(9))
+    assert chosen(1e4, 9) == [0, 8]
 
 
 def test_a_yolo_world_of_another_contract_is_refused(table: Path, tmp_path: Path) -> None:
