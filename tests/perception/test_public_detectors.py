@@ -32,7 +32,7 @@ from tests.perception.conftest import WORDS
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # what tracing bakes in: see the tests
 
-_PHOTO = np.random.default_rng(0).integers(0, 256, (900, 1200, 3), np.uint8)
+_PHOTO = np.random.default_rng(0).integers(0, 256, (1350, 1800, 3), np.uint8)
 _PROMPTS = ("Red Cup", "chair", "lamp")
 _IDS = [[1, 4, 5, 2], [1, 6, 2], [1, 7, 2]]  # of `_PROMPTS` by the tokenizer of WORDS, one a text
 _TINY = {"hidden_size": 32, "intermediate_size": 32, "num_hidden_layers": 1, "num_attention_heads": 2}
@@ -164,8 +164,8 @@ def test_owl_sees_scores_and_boxes_as_the_framework(
     processor = Owlv2ImageProcessorPil() if version == "Owlv2" else OwlViTImageProcessorPil()
     found = adapter(path, tokenizer_file, name="owl").detect(_PHOTO, _PROMPTS, 0.0)
     # This release of the framework pads with black; the model was trained with gray.
-    square = np.full((1200, 1200, 3), 127.5)
-    square[:900] = _PHOTO
+    square = np.full((1800, 1800, 3), 127.5)
+    square[:1350] = _PHOTO
     pixels = processor(square if version == "Owlv2" else _PHOTO, return_tensors="pt").pixel_values
     assert np.abs(fed[0]["pixel_values"] - pixels.numpy()).max() <= 2 / 255
     assert [
