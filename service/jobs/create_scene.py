@@ -132,7 +132,10 @@ def label_views(
     labelling = label_capture(
         capture, plan.settings, settings.models, tuple(labels), progress, masks=masks, early=early
     )
-    return LabelledViews(labelling, plan.tradeoffs)
+    planned = min(plan.settings.max_views or len(capture.views), len(capture.views))
+    looked = planned if labelling.looked_at is None else len(labelling.looked_at)
+    words = (f"words looked for in {looked} of {planned} views",) if looked < planned else ()
+    return LabelledViews(labelling, (*plan.tradeoffs, *words))
 
 
 def train_scene(

@@ -135,7 +135,9 @@ def look_for(
         lambda event: _tell(progress, _RENDERING, _DETECTING, event.fraction, event.message),
     )
     names = [entry.label for entry in labelling.dictionary.entries]
-    used = list(zip(views, labelling.regions, strict=True))
+    looked_at = labelling.looked_at or ()
+    used = [(views[number], labelling.regions[number]) for number in looked_at]
+    used_names = tuple(cameras[number].name for number in looked_at)
     votes = votes_of_views(objects, scene.gaussians, used, len(names), settings.discovery, backend=backend)
     assert votes.voted is not None
     # With few views, one that names a partly visible object must not count for more than one.
@@ -149,10 +151,8 @@ def look_for(
         whole = found.get(object_id, {})
         found[object_id] = {name: max(whole.get(name, 0.0), closer.get(name, 0.0)) for name in {**whole, **closer}}
     regions = sum(1 for view_regions in labelling.regions for region in view_regions.votes if region)
-    _tell(progress, 0, 1, 1, f"{regions} found in {len(views)} views, {votes.unmatched} of them no object's")
-    return Sightings(
-        tuple(texts), tuple(posed.name for posed in cameras), found, regions, votes.unmatched, paint is None
-    )
+    _tell(progress, 0, 1, 1, f"{regions} found in {len(used)} views, {votes.unmatched} of them no object's")
+    return Sightings(tuple(texts), used_names, found, regions, votes.unmatched, paint is None)
 
 
 def _look_closer(

@@ -23,8 +23,6 @@ class PerceptionOptions(Options):
     objects are detected in twice as many views."""
     tags: tuple[str, ...] = ()
     """Replaces the built-in tag list (`fastsplat.service.perception.class_names.TAGS`)."""
-    prompts_per_pass: int = Field(1, ge=1)
-    """Phrases in one pass of GroundingDINO; the common export scores only the first of several."""
     score_threshold: float = Field(0.5, ge=0, le=1)
     """A class is believed to be in the scene when it scores this much in `min_view_share` of the views."""
     score_floor: float = Field(0.3, ge=0, le=1)

@@ -32,34 +32,6 @@ def tokenizer_file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def grounding_dino_file(tmp_path: Path) -> Path:
-    """Three queries fire on "red", on "chair", on both words of "red cup"; constant boxes, logits ±4, -inf beyond."""
-    return write_network(
-        tmp_path / "model.onnx",
-        """
-        dino (float[1,3,800,800] pixel_values, int64[1,800,800] pixel_mask, int64[1,T] input_ids,
-              int64[1,T] token_type_ids, int64[1,T] attention_mask)
-          => (float[1,3,256] logits, float[1,3,4] pred_boxes)
-        <int64[1,3,1] first = {4, 6, 4}, int64[1,3,1] second = {4, 6, 5}, float high = {4.0}, float low = {-4.0},
-         float[1,3,4] pred_boxes_constant = {0.5, 0.5, 0.5, 0.5, 0.25, 0.25, 0.5, 0.5, 0.75, 0.75, 0.25, 0.25},
-         int64[1] axis = {1}, int64[5] no_pads = {0, 0, 0, 0, 0}, int64[1] width = {256}, float minus_inf = {-1000.0}>
-        {
-          ids = Unsqueeze(input_ids, axis)
-          is_first = Equal(ids, first)
-          is_second = Equal(ids, second)
-          fires = Or(is_first, is_second)
-          short = Where(fires, high, low)
-          shape = Shape<start = 1>(input_ids)
-          missing = Sub(width, shape)
-          pads = Concat<axis = 0>(no_pads, missing)
-          logits = Pad(short, pads, minus_inf)
-          pred_boxes = Identity(pred_boxes_constant)
-        }
-        """,
-    )
-
-
-@pytest.fixture
 def clip_file(tmp_path: Path) -> Path:
     """Embeds a text as the sum of one axis per token: token i is the unit vector of axis i."""
     rows = ", ".join(str(float(i == j)) for i in range(8) for j in range(8))

@@ -15,6 +15,7 @@ import pytest
 from fastsplat.service.capture.captures import GivenLabels
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.jobs import create_scene
 from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.detectors.picodet import PicoDet
@@ -26,6 +27,7 @@ from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.segmenters.sam1 import Sam1
+from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
 from tests.perception.conftest import make_capture, read_rgb
 
@@ -74,11 +76,19 @@ def test_named_objects_are_found_and_cut_out(test_data: Path, models_dir: Path) 
     assert len(events) == 4  # two views, found and cut out
 
 
-def test_views_beyond_the_limit_stay_undetected(test_data: Path, models_dir: Path) -> None:
+def test_views_beyond_the_limit_stay_undetected(
+    test_data: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the setting, and by what the detector has time for."""
     capture = make_capture(_table_views(test_data, ["018", "020", "024"]))
-    settings = _SETTINGS.model_copy(update={"max_views": 1, "closer_look": False})
-    labelling = label_capture(capture, settings, models_dir, [], silent)
-    assert [bool(label_map.any()) for label_map in labelling.label_maps] == [True, False, False]
+    for limit, looked_at in ((1, (0,)), (0, (0, 2))):
+        settings = _SETTINGS.model_copy(update={"max_views": limit, "closer_look": False})
+        monkeypatch.setattr(CaptureDetector, "limited", lambda _, looked_at=looked_at: list(looked_at))
+        labelling = label_capture(capture, settings, models_dir, [], silent)
+        assert labelling.looked_at == looked_at
+        assert [bool(label_map.any()) for label_map in labelling.label_maps] == [i in looked_at for i in range(3)]
+    monkeypatch.setattr(create_scene, "label_capture", lambda *_, **__: labelling)
+    assert create_scene.label_views(capture, Settings()).tradeoffs == ("words looked for in 2 of 3 views",)
 
 
 def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, models_dir: Path) -> None:

@@ -5,10 +5,11 @@ Functions raise `ModelUnavailableError` for an unknown name or adapter, a missin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
+from fastsplat.service.perception.detectors.owl import OwlV2, OwlViT
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.detectors.yolo_world import YoloWorld
 from fastsplat.service.perception.models.model_files import only_network, only_table, tokenizer
@@ -36,10 +37,15 @@ def closed_set_labels(settings: PerceptionSettings) -> tuple[str, ...]:
 
 def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSetDetector:
     """Opens the detector of `settings.open_set_detector`, with its prompt encoder if it needs one."""
+    check_open_set_detector(settings)
     name = settings.open_set_detector
     adapter, inside = find_model(name, "open_set_detector")
-    open_detector = select_adapter(OPEN_SET_DETECTORS, adapter, name, "open_set_detector")
-    return open_detector(models, models / inside, settings)
+    detector = select_adapter(OPEN_SET_DETECTORS, adapter, name, "open_set_detector")
+    network = only_network(models / inside, name=name)
+    if issubclass(detector, YoloWorld):
+        encoder = open_text_encoder(settings.prompt_encoder, models, threads=settings.threads)
+        return detector(network, encoder, name=name, threads=settings.threads)
+    return detector(network, tokenizer(models / inside, name=name), name=name, threads=settings.threads)
 
 
 def check_open_set_detector(settings: PerceptionSettings) -> None:
@@ -55,7 +61,11 @@ def check_open_set_detector(settings: PerceptionSettings) -> None:
         )
     adapter, _ = find_model(settings.open_set_detector, "open_set_detector")
     if adapter == "yolo_world" and not settings.prompt_encoder:
-        raise _no_prompt_encoder(settings.open_set_detector)
+        raise ModelUnavailableError(
+            f"model {settings.open_set_detector} is prompted by embeddings, and no text encoder is set for it",
+            field="perception.prompt_encoder",
+            hint="Set the text encoder the detector was trained with, such as clip_vit_b32.",
+        )
 
 
 def check_texts_known(texts: Sequence[str], settings: PerceptionSettings, models: Path, *, field: str) -> None:
@@ -68,38 +78,13 @@ def check_texts_known(texts: Sequence[str], settings: PerceptionSettings, models
         LabelTable(only_table(models / inside, name=name), name=name).check_known(texts, field)
 
 
-def _no_prompt_encoder(name: str) -> ModelUnavailableError:
-    return ModelUnavailableError(
-        f"model {name} is prompted by embeddings, and no text encoder is set for it",
-        field="perception.prompt_encoder",
-        hint="Set the text encoder the detector was trained with, such as clip_vit_b32.",
-    )
-
-
-def _open_grounding_dino(models: Path, folder: Path, settings: PerceptionSettings) -> GroundingDino:
-    name = settings.open_set_detector
-    return GroundingDino(
-        only_network(folder, name=name),
-        tokenizer(folder, name=name),
-        name=name,
-        prompts_per_pass=settings.prompts_per_pass,
-        threads=settings.threads,
-    )
-
-
-def _open_yolo_world(models: Path, folder: Path, settings: PerceptionSettings) -> YoloWorld:
-    name = settings.open_set_detector
-    if not settings.prompt_encoder:
-        raise _no_prompt_encoder(name)
-    encoder = open_text_encoder(settings.prompt_encoder, models, threads=settings.threads)
-    return YoloWorld(only_network(folder, name=name), encoder, name=name, threads=settings.threads)
-
-
 CLOSED_SET_DETECTORS: Mapping[Adapter, type[PicoDet]] = {"picodet": PicoDet}
 """Closed-set detectors by the manifest's adapter."""
 
-OPEN_SET_DETECTORS: Mapping[Adapter, Callable[[Path, Path, PerceptionSettings], OpenSetDetector]] = {
-    "grounding_dino": _open_grounding_dino,
-    "yolo_world": _open_yolo_world,
+OPEN_SET_DETECTORS: Mapping[Adapter, type[GroundingDino] | type[OwlViT] | type[YoloWorld]] = {
+    "grounding_dino": GroundingDino,
+    "owlv2": OwlV2,
+    "owlvit": OwlViT,
+    "yolo_world": YoloWorld,
 }
-"""Openers of open-set detectors by the manifest's adapter: (model directory, model folder, settings)."""
+"""Open-set detectors by the manifest's adapter."""

@@ -2,43 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
-from fastsplat.service.perception.box_ops import clip_boxes, nms
+from fastsplat.service.perception.detectors.prompted_boxes import corners, input_side, select_boxes
 from fastsplat.service.perception.image_tensors import letterboxed
-from fastsplat.service.perception.onnx_session import check_contract, open_session
-from fastsplat.service.perception.results import Detections, Image, TextEncoder
+from fastsplat.service.perception.onnx_session import Shape, check_contract, open_session
+from fastsplat.service.perception.results import Detections, Image, TextEncoder, joined
 from fastsplat_contract.errors import ModelUnavailableError
 
-_NMS_IOU = 0.6  # of boxes with one label; rivals between labels are resolved by the caller
+_OUTPUTS: Mapping[str, Mapping[str, Shape]] = {
+    "txt_feats": {"output0": (1, None, None)},
+    "text_embeds": {"boxes_xyxy": (1, None, 4), "scores": (1, None, None)},
+}
+"""Outputs of each contract, by its input of prompts."""
 
 
 class YoloWorld:
-    """Adapter of YOLO-World ONNX exports without non-maximum suppression.
+    """Adapter of YOLO-World ONNX exports without non-maximum suppression (Cheng et al. 2024).
 
-    `images` [1, 3, S, S], `text_embeds` [1, N, E] → `boxes_xyxy` [1, A, 4], `scores` [1, A, N].
+    `images` [1, 3, S, S] (S is 640 if left open) and, by the file's own names, `txt_feats` [1, N, E] → `output0`
+    [1, 4 + N, A], center, size and scores, or `text_embeds` [1, N, E] → `boxes_xyxy` [1, A, 4], `scores` [1, A, N].
 
     Args:
         encoder: embeds prompts in the detector's space (CLIP ViT-B/32 for the public weights).
 
     Raises:
-        ModelUnavailableError: the file breaks this contract, or, in `detect`, the encoder has another width.
+        ModelUnavailableError: the file breaks these contracts, or, in `detect`, the encoder has another width.
     """
 
     def __init__(self, model: Path, encoder: TextEncoder, *, name: str, threads: int = 0) -> None:
         self._session = open_session(model, name=name, threads=threads)
+        shapes = {node.name: node.shape for node in self._session.get_inputs()}
+        if list(shapes) == ["images"]:
+            raise ModelUnavailableError(
+                f"model {name} takes images alone: its words were baked in at export, so it is a closed set",
+                field=name,
+                hint="Use an export that takes embeddings of words: images and txt_feats, or images and text_embeds.",
+            )
+        self._prompts = next((key for key in _OUTPUTS if key in shapes), "txt_feats")
         check_contract(
             self._session,
             name=name,
-            inputs={"images": (1, 3, None, None), "text_embeds": (1, None, None)},
-            outputs={"boxes_xyxy": (1, None, 4), "scores": (1, None, None)},
+            inputs={"images": (1, 3, None, None), self._prompts: (1, None, None)},
+            outputs=_OUTPUTS[self._prompts],
         )
-        shapes = {node.name: node.shape for node in self._session.get_inputs()}
-        self._side = shapes["images"][2] if isinstance(shapes["images"][2], int) else 640
-        self._width = shapes["text_embeds"][2]
+        self._side = input_side(self._session, "images", 640)
+        self._width = shapes[self._prompts][2]
         self._encoder = encoder
         self._name = name
 
@@ -48,7 +58,8 @@ class YoloWorld:
         Raises:
             InvalidInputError: the encoder does not know a prompt (label tables).
         """
-        height, width = image.shape[:2]
+        if not prompts:
+            return joined([])
         tensor, frame = letterboxed(image, self._side)
         embeddings = self._encoder.encode(prompts)
         if isinstance(self._width, int) and embeddings.shape[1] != self._width:
@@ -58,20 +69,10 @@ class YoloWorld:
                 field="perception.prompt_encoder",
                 hint="Choose the text encoder that the detector was trained with.",
             )
-        outputs = ["boxes_xyxy", "scores"]
-        boxes, scores = self._session.run(outputs, {"images": tensor, "text_embeds": embeddings[None]})
-        best = scores[0].argmax(1)
-        score = scores[0].max(1).astype(np.float32)
-        rows = np.flatnonzero(score >= min_score)
-        winners = [
-            rows[best[rows] == label][nms(boxes[0, group], score[group], _NMS_IOU)]
-            for label in np.unique(best[rows])
-            for group in [rows[best[rows] == label]]
-        ]
-        rows = np.concatenate(winners) if winners else np.zeros(0, np.intp)
-        rows = rows[np.argsort(-score[rows], kind="stable")]
-        return Detections(
-            clip_boxes(frame.to_image(boxes[0, rows]), width, height),
-            score[rows],
-            tuple(prompts[label] for label in best[rows]),
-        )
+        outputs = self._session.run(list(_OUTPUTS[self._prompts]), {"images": tensor, self._prompts: embeddings[None]})
+        if self._prompts == "txt_feats":
+            rows = outputs[0][0].T
+            boxes, scores = corners(rows[:, :4]), rows[:, 4:]
+        else:
+            boxes, scores = outputs[0][0], outputs[1][0]
+        return select_boxes(frame.to_image(boxes), scores, prompts, min_score, image)

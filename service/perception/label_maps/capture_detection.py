@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from time import monotonic
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from fastsplat.service.perception.tagging import propose_texts
 from fastsplat_contract.errors import InvalidInputError
 
 _TAGGER_VIEWS = 16  # views that are tagged, evenly spread; 0: all
+
+_OPEN_SET_S = 240.0
+"""Seconds that an open-set detector may look for, at least at `min_views`; OWLv2 takes several a view."""
 
 _CROP = 0.6
 _CUT_PX = 4
@@ -59,6 +63,7 @@ class CaptureDetector:
     ) -> None:
         self._load, self._count, self._on_view = load, count, on_view
         self._found: dict[int, Detections] = {}
+        self._settings = settings
         self._at_once, of_each = side_by_side(settings)
         names = [entry.label for entry in dictionary_of(labels).entries]
         if not settings.open_set_detector:
@@ -80,6 +85,20 @@ class CaptureDetector:
     def done(self) -> int:
         """The number of views that were looked at."""
         return len(self._found)
+
+    def limited(self) -> list[int]:
+        """Looks at the first view; returns positions of views that an open-set detector has time for, spread.
+
+        Their number replaces that of the views; raises as `detections`.
+        """
+        if self._settings.open_set_detector and self._count:
+            begin = monotonic()
+            self.detections([0])
+            seconds = (monotonic() - begin) / self._at_once
+            limit = max(self._settings.min_views, int(_OPEN_SET_S / max(seconds, 1e-6)))
+            chosen, self._count = spread(self._count, limit), min(self._count, limit)
+            return chosen
+        return list(range(self._count))
 
     def detections(self, views: Sequence[int]) -> list[Detections]:
         """Returns raw detections above the score floor, with one name per class.

@@ -79,8 +79,9 @@ def label_capture(
             neither costs extra work nor changes the result.
 
     Returns:
-        One label map per view, in order. Undetected throughout are views beyond `settings.max_views`, and with `masks`
-        those beyond `settings.proposal_views` that no class needs. The dictionary is empty if nothing is detected.
+        One label map per view, in order. Undetected throughout are views beyond `settings.max_views` or an open-set
+        detector's time, and with `masks` those beyond `settings.proposal_views` that no class needs. The dictionary is
+        empty if nothing is detected.
 
     Raises:
         InvalidInputError: labels unknown to the closed-set detector; label maps of a wrong size or with unknown ids.
@@ -108,11 +109,15 @@ def label_capture(
 
     proposed: list[ViewMasks | None] = [None] * (len(capture.views) if masks else 0)
     detector = CaptureDetector(load, len(positions), labels, settings, models, on_view)
+    looked_at = [positions[position] for position in detector.limited()]
+    if len(looked_at) < len(positions):
+        positions, proposing = looked_at, set(spread(len(looked_at), settings.proposal_views)) if masks else set()
     resolved = _resolve(detector.detections(range(len(positions))), bool(labels), settings, models)
     maps = _LabelMaps(capture, resolved, settings)
 
     def labelled() -> Labelling:
-        return replace(maps.labelling(expected=bool(labels)), masks=tuple(proposed), searched=detector.searched)
+        found, looked = maps.labelling(expected=bool(labels)), tuple(positions)
+        return replace(found, masks=tuple(proposed), searched=detector.searched, looked_at=looked)
 
     segmented = views_to_segment(resolved.objects, proposing) if masks else set(range(len(positions)))
     order = [positions.index(number) for number in covering_order(capture, positions)]
