@@ -15,7 +15,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-_CONTRAST, _EDGE = 0.02, 10.0
+_CONTRAST, _EDGE = 0.015, 10.0
 """Thresholds of COLMAP; of the contrast OpenCV takes a third."""
 _ENOUGH = 0.5
 """Share of the requested features from which on the finest octave, which takes most of the time, is left out."""
@@ -55,7 +55,7 @@ def _features(
     gray: NDArray[np.uint8], mask: NDArray[np.uint8] | None, max_side: int, count: int
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Finds the largest features: x, y, scale and orientation, float32 [F, 4], and descriptors, uint8 [F, 128]."""
-    sift = cv2.SIFT_create(0, 3, _CONTRAST, _EDGE, 1.6)
+    sift = cv2.SIFT_create(0, 3, _CONTRAST, _EDGE, 1.6, True)
     factor = min(1.0, max_side / max(gray.shape))
     # OpenCV doubles the image first, which at half the size gives the octaves from the image's own on.
     for share, enough in ((0.5, _ENOUGH * count), (1.0, 0)):
