@@ -36,7 +36,7 @@ class CaptureOptions(Options):
     """Threads for features and matching; 0: one a core. The mapper runs on one, which makes its result repeatable."""
     sfm_max_side: int = 1_200
     """Features are detected at no more than this many pixels on the longer side."""
-    sfm_features: int = 5_000
+    sfm_features: int = 4_500
     """Features an image."""
     exhaustive_images: int = 15
     """Up to so many images every pair is matched; beyond, the `pairs_per_image` most promising of each image."""

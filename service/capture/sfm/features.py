@@ -6,7 +6,6 @@ number.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-_CONTRAST, _EDGE = 0.015, 10.0
+_CONTRAST, _EDGE = 0.01, 10.0
 """Thresholds of COLMAP; of the contrast OpenCV takes a third."""
 _ENOUGH = 0.5
 """Share of the requested features from which on the finest octave, which takes most of the time, is left out."""
