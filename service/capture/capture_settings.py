@@ -36,11 +36,11 @@ class CaptureOptions(Options):
     """Threads for features and matching; 0: one a core. The mapper runs on one, which makes its result repeatable."""
     sfm_max_side: int = 1_200
     """Features are detected at no more than this many pixels on the longer side."""
-    sfm_features: int = 4_096
+    sfm_features: int = 4_500
     """Features an image."""
-    exhaustive_images: int = 30
+    exhaustive_images: int = 15
     """Up to so many images every pair is matched; beyond, the `pairs_per_image` most promising of each image."""
-    pairs_per_image: int = 20
+    pairs_per_image: int = 10
     """Pairs of each image then."""
     panorama_face_side: int = Field(1_024, ge=32, le=8_192)
     """Pixels of each of the six square faces that a panorama is cut into, at most; it bounds memory, too."""

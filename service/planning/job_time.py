@@ -91,7 +91,7 @@ def job_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[str,
     pairs = count * (count - 1) / 2
     if count > capture.exhaustive_images:
         pairs = min(pairs, _PROMISING_PAIRS * capture.pairs_per_image * count)
-    parallel = count * (0.12 + 0.36 * megapixels) + pairs * (0.024 + 0.02 * min(megapixels, 1.0))
+    parallel = count * (0.06 + 0.15 * megapixels) + pairs * (0.024 + 0.02 * min(megapixels, 1.0))
     serial = 0.8 + count * (0.16 + 0.16 * min(sent, 2.0) + 0.05 * sent)
     serial += 0.004 * count * min(count, capture.global_mapping_images)
     width, height = _reduced(photos, capture.max_side)

@@ -304,8 +304,10 @@ class Mapping:
 
 
 def largest_first(models: Iterable[pycolmap.Reconstruction]) -> Models:
-    """Sorts as `Models`."""
-    return sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+    """Sorts as `Models`, without those that a larger one contains, as of a pair from which the mapper began in vain."""
+    ordered = sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+    placed = [{image.image_id for image in model.images.values() if image.has_pose} for model in ordered]
+    return [model for row, model in enumerate(ordered) if not any(placed[row] <= larger for larger in placed[:row])]
 
 
 def strongest_pairs(matches: PairMatches, held_out: PairMatches, images: set[int]) -> list[tuple[int, int]]:

@@ -16,10 +16,9 @@ _SPREAD_IMAGES = 6
 _NEIGHBORS = {False: (1, 2), True: (1, 2, 3, 4, 5, 6, 8, 12, 16)}
 
 
-def probes(descriptors: NDArray[np.uint8], scales: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Normalizes SIFT descriptors of an image's largest features, which match most likely, [K, 128]."""
-    largest = np.argsort(-scales, kind="stable")[:_PROBES]
-    vectors = descriptors[largest].astype(np.float32)
+def probes(descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Normalizes SIFT descriptors of an image's largest features, its first, which match most likely, [K, 128]."""
+    vectors = descriptors[:_PROBES].astype(np.float32)
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
 
 

@@ -192,16 +192,11 @@ def extract_and_match(
     Raises:
         ReconstructionError: the images have hardly any texture, or were all taken from one place.
     """
-    extraction = pycolmap.FeatureExtractionOptions()
-    extraction.max_image_size = request["sfm_max_side"]
-    extraction.num_threads = _threads(request)
-    extraction.sift.max_num_features = request["sfm_features"]
-    extraction.sift.first_octave = 0
     masks = Path(request["mask_folder"]) if "mask_folder" in request else None
     for start in range(0, len(files), _IMAGES_A_STEP):
         report(_FEATURES_DONE * start / len(files), f"extracting features {start}/{len(files)}")
         step = files[start : start + _IMAGES_A_STEP]
-        extract_features(database, images, step, masks, extraction)
+        extract_features(database, images, step, masks, request, _threads(request))
         if alone and start == 0 and len(files) >= 2 * FIRST_IMAGES:
             _match(database, [(files[i], files[j]) for i, j in first_pairs()], request, folder)
             if place_first(database, images, folder):
@@ -286,9 +281,7 @@ def _choose_pairs(database: Path, files: list[str], request: dict[str, Any]) -> 
 def _probes(reader: pycolmap.Database, image_id: int) -> NDArray[np.float32]:
     if reader.num_keypoints_for_image(image_id) == 0:
         return np.zeros((0, 128), np.float32)
-    keypoints = np.asarray(reader.read_keypoints(image_id))  # x, y and an affine shape scaled by the feature's size
-    scales = np.hypot(keypoints[:, 2], keypoints[:, 4])
-    return pairs.probes(np.asarray(reader.read_descriptors(image_id).data), scales)
+    return pairs.probes(np.asarray(reader.read_descriptors(image_id).data))
 
 
 def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...]) -> geometry.Reconstruction:

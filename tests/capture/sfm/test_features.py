@@ -1,4 +1,4 @@
-"""Which octaves of images have their features looked for."""
+"""Where features are found, and which octaves are left out."""
 
 from __future__ import annotations
 
@@ -9,56 +9,61 @@ import numpy as np
 import pycolmap
 import pytest
 
-from fastsplat.service.capture.sfm import features
+from fastsplat.service.capture.sfm.features import extract_features
 
-_ENOUGH = 150
 _SIDE = 320
+_PLACES = np.random.default_rng(0).permutation(64)[:30]
+_CENTERS = np.stack([_PLACES % 8, _PLACES // 8], axis=1) * 40 + 20.5
 
 
-@pytest.mark.parametrize("names", ["rich 0, rich 1, plain 2, rich 3", "plain 0, plain 1, rich 2", "plain 0, rich 1"])
-def test_the_finest_octave_is_left_out_where_others_give_enough_features(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: str
-) -> None:
-    files = [f"{name}.png" for name in names.split(", ")]
-    for file in files:
-        cv2.imwrite(str(tmp_path / file), _picture(file))
-    looked: list[tuple[int, str]] = []
-    extract = pycolmap.extract_features
-
-    def watched(*arguments, **options) -> None:
-        looked.extend((options["extraction_options"].sift.first_octave, file) for file in options["image_names"])
-        extract(*arguments, **options)
-
-    monkeypatch.setattr(pycolmap, "extract_features", watched)
-    found = _features(tmp_path, files, tmp_path / "features.db", features.extract_features)
-    alone = _features(tmp_path, files, tmp_path / "alone.db", features._extract)
-    seen = set(looked[: -len(files)])
-    assert len(seen) == len(looked) - len(files)  # nothing twice
-    for file in files:
-        assert min(len(found[file]), _ENOUGH) == min(len(alone[file]), _ENOUGH)
-        if "plain" in file or (-1, file) in seen:  # as if no other octave had been tried
-            assert len(found[file]) > 5 and np.array_equal(found[file], alone[file])
-    assert {file for octave, file in seen if octave == 0} == set(files[:2] if files[1].startswith("plain") else files)
-    fine = {file for octave, file in seen if octave == -1}
-    assert fine == (set(files) if files[1].startswith("plain") else {file for file in files if "plain" in file})
+def _blots(zoom: int = 1) -> np.ndarray:
+    """uint8 [side, side]: soft dark blots around the centers, whose pixel centers are at +0.5."""
+    y, x = (np.mgrid[: zoom * _SIDE, : zoom * _SIDE] + 0.5) / zoom
+    squared = sum((at - _CENTERS[:, axis, None, None]) ** 2 for axis, at in enumerate((x, y)))
+    return np.round(200 - 150 * np.exp(-squared / (2 * 5.0**2)).sum(axis=0)).astype(np.uint8)
 
 
-def _picture(name: str) -> np.ndarray:
-    """uint8 [side, side]: many blots, or few."""
-    rng, picture = np.random.default_rng(len(name) + ord(name[-5])), np.full((_SIDE, _SIDE), 128, np.uint8)
-    for _ in range(2_000 if "rich" in name else 12):
-        at, radius = rng.integers(0, _SIDE, 2).tolist(), int(rng.integers(1, 9))
-        cv2.circle(picture, at, radius, int(rng.integers(0, 256)), -1, cv2.LINE_AA)
-    return picture
-
-
-def _features(images: Path, files: list[str], database: Path, extract) -> dict[str, np.ndarray]:
-    """float32 [F, 6] of files."""
-    options = pycolmap.FeatureExtractionOptions()
-    options.num_threads, options.sift.max_num_features = 1, _ENOUGH
-    options.sift.first_octave = 0 if extract is features.extract_features else -1
+def _found(folder: Path, pictures: list[np.ndarray], count: int, side: int = 2_000, threads: int = 1, masks=None):
+    """Keypoints and descriptors of each picture."""
+    files, database = [f"{number}.png" for number in range(len(pictures))], folder / f"{count} {side} {threads}.db"
+    for file, picture in zip(files, pictures, strict=True):
+        cv2.imwrite(str(folder / file), picture)
     pycolmap.Database.open(database).close()
-    extract(database, images, files, None, options)
-    assert options.sift.first_octave == (0 if extract is features.extract_features and "rich" in files[1] else -1)
+    pycolmap.import_images(database, folder, image_names=files)
+    extract_features(database, folder, files, masks, {"sfm_max_side": side, "sfm_features": count}, threads)
     with pycolmap.Database.open(database) as reader:
-        return {image.name: np.asarray(reader.read_keypoints(image.image_id)) for image in reader.read_all_images()}
+        images = sorted(reader.read_all_images(), key=lambda image: image.name)
+        return [
+            (np.asarray(reader.read_keypoints(i.image_id)), np.asarray(reader.read_descriptors(i.image_id).data))
+            for i in images
+        ]
+
+
+@pytest.mark.parametrize(("count", "zoom"), [(300, 1), (4_000, 1), (300, 3), (4_000, 3)])
+def test_blots_are_found_at_their_centers_in_any_octave_and_size(tmp_path: Path, count: int, zoom: int) -> None:
+    ((keypoints, _),) = _found(tmp_path, [_blots(zoom)], count, side=_SIDE)
+    apart = np.linalg.norm(keypoints[None, :, :2] / zoom - _CENTERS[:, None], axis=2)
+    assert np.median(apart.min(axis=1)) < 0.1
+
+
+def test_the_finest_octave_is_left_out_where_others_give_half_the_features(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).integers(0, 256, (_SIDE, _SIDE), dtype=np.uint8)
+    (all_scales, _), (some, _) = (_found(tmp_path, [noise], count)[0] for count in (40_000, 50))
+    assert len(some) == 50 < len(all_scales)
+    assert all_scales[:, 2].min() < 1.6 < some[:, 2].min()
+
+
+def test_features_are_sorted_by_size_and_the_same_on_any_number_of_threads(tmp_path: Path) -> None:
+    pictures = [np.random.default_rng(seed).integers(0, 256, (200, 200), dtype=np.uint8) for seed in range(5)]
+    for first, second in zip(*(_found(tmp_path, pictures, 60, threads=count) for count in (1, 3)), strict=True):
+        assert np.array_equal(first[0], second[0]) and np.array_equal(first[1], second[1])
+        assert first[1].shape == (60, 128) and (np.diff(first[0][:, 2]) <= 0).all()
+
+
+def test_nothing_is_found_where_the_mask_is_black_or_the_picture_plain(tmp_path: Path) -> None:
+    (tmp_path / "masks").mkdir()
+    mask = np.full((_SIDE, _SIDE), 255, np.uint8)
+    mask[:, : _SIDE // 2] = 0
+    cv2.imwrite(str(tmp_path / "masks/0.png.png"), mask)
+    masked, whole, plain = _found(tmp_path, [_blots(), _blots(), mask * 0], 4_000, masks=tmp_path / "masks")
+    assert masked[0][:, 0].min() > _SIDE // 2 - 2 > 40 > whole[0][:, 0].min() and len(plain[0]) == 0

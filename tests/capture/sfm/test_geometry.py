@@ -143,11 +143,10 @@ def test_probes_of_the_same_object_score_high() -> None:
     rng = np.random.default_rng(2)
     obj, other_object = rng.integers(0, 255, (2, 300, 128), dtype=np.uint8)
     again = np.clip(obj.astype(int) + rng.integers(-9, 9, obj.shape), 0, 255).astype(np.uint8)
-    scales = np.ones(300, np.float32)
-    scores = probe_scores([probes(d, scales) for d in (obj, again, other_object)])
+    scores = probe_scores([probes(descriptors) for descriptors in (obj, again, other_object)])
     assert scores[0, 1] > 250 and scores[0, 2] < 10
     assert (scores == scores.T).all()
-    assert len(probes(rng.integers(0, 255, (2000, 128), dtype=np.uint8), np.arange(2000.0, dtype=np.float32))) == 256
+    assert len(probes(rng.integers(0, 255, (2000, 128), dtype=np.uint8))) == 256
 
 
 def test_normalizing_the_world_is_one_similarity() -> None:
