@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import secrets
 import shutil
 import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
@@ -23,7 +23,7 @@ from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.scene_photos import share_photos, write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
-from fastsplat.service.common.files import link_or_copy
+from fastsplat.service.common.files import atomic_file, link_or_copy
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.jobs.create_scene import assemble_scene, build_views, label_views, train_scene
 from fastsplat.service.jobs.drafts import DraftVersion, carry_edits, first_draft, training_draft
@@ -200,9 +200,8 @@ def _job_speed(job: Job) -> Speed:
     if path.exists():
         return Speed(**json.loads(path.read_text()))
     speed = machine_speed(job.settings.training.backend)
-    part = job.folder / f"speed.json.{job.attempt}.part"
-    part.write_text(json.dumps(asdict(speed)))
-    os.replace(part, path)
+    with atomic_file(path) as part:
+        part.write_text(json.dumps(asdict(speed)))
     return speed
 
 
@@ -253,14 +252,8 @@ def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
 
 def _store(job: Job, plan: StagePlan[TrainingSettings]) -> None:
     """Write the plan unless another attempt was faster; whole or not at all."""
-    part = job.folder / f"{_PLAN}.{job.attempt}.part"
-    part.write_text(json.dumps({"settings": plan.settings.model_dump(mode="json"), "tradeoffs": plan.tradeoffs}))
-    try:
-        os.link(part, job.folder / _PLAN)
-    except FileExistsError:
-        pass
-    finally:
-        part.unlink()
+    with suppress(FileExistsError), atomic_file(job.folder / _PLAN, replace=False) as part:
+        part.write_text(json.dumps({"settings": plan.settings.model_dump(mode="json"), "tradeoffs": plan.tradeoffs}))
 
 
 def early_views(capture: Capture, labelling: Labelling) -> Sequence[int]:
@@ -321,16 +314,13 @@ def export_made(job: Job, folder: Path, assemble: Callable[[], None]) -> None:
     """
     spare = job.folder / f"{folder.name.partition('.')[0]}{SPARE_SUFFIX}"
     if spare.is_dir():
-        shutil.copytree(spare, folder, copy_function=link_or_copy, ignore=_stage_files, dirs_exist_ok=True)
+        later = shutil.ignore_patterns(CARRIED, SUMMARY, *RESULT_FILES)
+        shutil.copytree(spare, folder, copy_function=link_or_copy, ignore=later, dirs_exist_ok=True)
         (folder / SUMMARY).write_bytes((spare / SUMMARY).read_bytes())  # a copy, because links must not be written to
     else:
         assemble()
     if (job.folder / EDITS).exists():
         carry_into(job, read_scene(folder / "artefact"), folder)
-
-
-def _stage_files(folder: str, names: list[str]) -> list[str]:
-    return [name for name in names if name in (CARRIED, SUMMARY, *RESULT_FILES)]
 
 
 class Drafts:
