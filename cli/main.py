@@ -25,13 +25,7 @@ from fastsplat.cli.operating.serve_command import Devices, Workers
 from fastsplat.cli.operating.serve_command import serve as serve_command
 from fastsplat.cli.operating.status import status
 from fastsplat.cli.options import service_command
-from fastsplat.cli.scenes import (  # noqa: F401  each adds its commands to a group
-    create_commands,
-    edit_commands,
-    export,
-    localize,
-    measure_commands,
-)
+from fastsplat.cli.scenes import create_commands, edit_commands, export, localize, measure_commands  # noqa: F401  each adds its commands to a group
 from fastsplat.cli.scenes.ask_command import ask
 from fastsplat.cli.scenes.object_commands import objects_app
 from fastsplat.cli.scenes.scene_commands import scenes_app

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.radial_lens import RadialLens
-from fastsplat.service.localization.keypoints import DESCRIPTOR_BYTES, Keypoints, find_keypoints, unit_rows
+from fastsplat.service.localization.keypoints import (
+    DESCRIPTOR_BYTES,
+    NO_KEYPOINTS,
+    Keypoints,
+    find_keypoints,
+    unit_rows,
+)
 from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.geometry.camera import PosedCamera
 
@@ -124,8 +130,7 @@ def _seen(
     seen = geometry(sized)
     height, width = seen.median_depth.shape
     if min(height, width) < 3 or not len(keypoints):
-        nothing = Keypoints(np.zeros((0, 2), np.float32), np.zeros((0, DESCRIPTOR_BYTES), np.uint8))
-        return _SeenKeypoints(sized, nothing, np.zeros(0)), np.zeros(0, np.bool_)
+        return _SeenKeypoints(sized, NO_KEYPOINTS, np.zeros(0)), np.zeros(0, np.bool_)
     column = keypoints.points[:, 0].astype(np.intp).clip(1, width - 2)
     row = keypoints.points[:, 1].astype(np.intp).clip(1, height - 2)
     around = np.stack([seen.median_depth[row + y, column + x] for y in (-1, 0, 1) for x in (-1, 0, 1)])
@@ -162,18 +167,10 @@ class _SeenKeypoints:
 
 
 def _triangulate(photos: Sequence[_SeenKeypoints]) -> list[tuple[F64, NDArray[np.intp]]]:
-    """Triangulates each photo's keypoints.
-
-    Each is searched for in six other photos around its projection by the scene's depth. Its place minimizes the squared
-    pixel distances from the rays of all photos and the deviation from that depth, each by its standard deviation. Rays
-    more than 3 pixels off are dropped once.
-
-    Returns:
-        For each photo the places, float64 [K, 3], and the number of other photos that confirm each, [K].
-
-    Raises:
-        CancelledError: see `service.common.cancellation`.
-    """
+    """For each photo its keypoints' places, float64 [K, 3], and how many others confirm each, [K]."""
+    # Each is searched for in six other photos around its projection by the scene's depth. Its place minimizes the
+    # squared pixel distances from the rays of all photos and the deviation from that depth, each by its standard
+    # deviation. Rays more than 3 pixels off are dropped once.
     from scipy.spatial import cKDTree
 
     trees = [cKDTree(photo.keypoints.points) if len(photo.keypoints) else None for photo in photos]

@@ -156,7 +156,9 @@ def _placed(match: _Matched, pose: SolvedPose | None, geometry: Geometry, of_gro
     if (refusal := refusal_of(replace(counted, agreement=1.0))) is not None:
         return PlacedPhoto(refusal, evidence)
     match, pose, radial = _straightened(match, pose)
-    covariance = _covariance(match, pose)
+    rows = pose.inliers
+    estimated = pose.focal_source != "given"  # metadata and other photos may be a few percent off
+    covariance = pose_covariance(pose.posed, match.pixels[rows], match.points[rows], focal_estimated=estimated)
     posed, comparison, refined = _refined(match, pose, covariance, geometry)
     agreement = agreement_of(comparison)
     evidence = replace(evidence, agreement=agreement)
@@ -181,12 +183,6 @@ def _straightened(match: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPo
     picture, valid = (np.asarray(cv2.undistort(part, matrix, lens), np.uint8) for part in (match.photo.picture, whole))
     photo = replace(match.photo, picture=picture, valid=valid == 255)
     return replace(match, photo=photo, pixels=pixels), straight, radial
-
-
-def _covariance(match: _Matched, pose: SolvedPose) -> F64:
-    rows = pose.inliers
-    estimated = pose.focal_source != "given"  # metadata and other photos may be a few percent off
-    return pose_covariance(pose.posed, match.pixels[rows], match.points[rows], focal_estimated=estimated)
 
 
 def _refined(

@@ -22,12 +22,7 @@ from fastsplat.service.splatting.training.objective import loss_terms
 from fastsplat.service.splatting.training.recorder import Recorder
 from fastsplat.service.splatting.training.requirement import Requirement
 from fastsplat.service.splatting.training.run_watch import RunWatch
-from fastsplat.service.splatting.training.schedule import (
-    depth_regularized,
-    image_level,
-    learning_rates,
-    sh_degree,
-)
+from fastsplat.service.splatting.training.schedule import depth_regularized, image_level, learning_rates, sh_degree
 from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView, render_frame
 from fastsplat_contract.errors import InvalidInputError, TrainingDivergedError
