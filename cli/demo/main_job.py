@@ -90,7 +90,8 @@ def run_main_job(
         ) as client,
     ):
         scene, operation = _train(client, photos or SAMPLE_PHOTOS, seconds, console, folder)
-        texts = ask or (_questions_for(_labels(scene)) if photos else _SAMPLE_QUESTIONS)
+        labels = [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
+        texts = ask or (_questions_for(labels) if photos else _SAMPLE_QUESTIONS)
         answers = [_ask(client, scene.id, text) for text in texts]
         objects, view = list(client.objects(scene.id)), scene.cameras[len(scene.cameras) // 2].name
         (folder / "objects.png").write_bytes(client.picture(scene.id, "objects", view))
@@ -119,10 +120,6 @@ def _train(
         typer.echo(f"the job ended as {operation.state}: {operation.error}\nsee {folder}/service.log", err=True)
         raise typer.Exit(1)
     return client.scene(operation.scene_id), operation
-
-
-def _labels(scene: Scene) -> Sequence[str]:
-    return [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
 
 
 def _ask(client: Client, scene_id: str, text: str) -> Answer:
@@ -188,10 +185,7 @@ def object_to_name(ids: NDArray[np.uint16], objects: Mapping[int, SceneObject]) 
 
 
 def _questions_for(labels: Sequence[str]) -> tuple[str, ...]:
-    """Makes questions of a scene's labels, most Gaussians first.
-
-    The two leading labels, a wider or neighbouring word (ambiguous on purpose), and an object that is not there.
-    """
+    """The two leading labels, a wider or neighbouring word (ambiguous on purpose), and an object that is not there."""
     wider = next((_WIDER[label] for label in labels if label in _WIDER and _WIDER[label] not in labels), "furniture")
     absent = next(word for word in _ABSENT if word not in labels)
     return (*labels[:2], wider, absent)

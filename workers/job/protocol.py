@@ -51,8 +51,8 @@ def read_job(line: bytes) -> tuple[Job, str]:
     spec = json.loads(line)
     run = spec.pop("run")
     options, settings = from_plain(SceneOptions, spec.pop("options")), Settings(**spec.pop("settings"))
-    paths = {name: Path(spec.pop(name)) for name in ("upload", "folder")}
-    lists = {name: tuple(spec.pop(name)) for name in ("stages", "exclude")}
+    paths: dict[str, Any] = {name: Path(spec.pop(name)) for name in ("upload", "folder")}
+    lists: dict[str, Any] = {name: tuple(spec.pop(name)) for name in ("stages", "exclude")}
     return Job(**spec, **paths, **lists, options=options, settings=settings), run
 
 

@@ -48,7 +48,6 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SceneFacts, SemanticHead
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.formats.ply import write_ply
-from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.training.previews import TrainingWatch
 from fastsplat.service.splatting.training_settings import TrainingSettings
@@ -126,7 +125,7 @@ def _perception(job: Job, folder: Path, progress: Progress) -> None:
     options, drafts = job.options, Drafts(job, files)
 
     def early(labelling: Labelling, views: Sequence[int]) -> None:
-        drafts.of_points(capture, labelling, views)
+        drafts.publish("perception", lambda: first_draft(capture, labelling, views, job.settings))
 
     labelled = label_views(
         capture,
@@ -148,10 +147,12 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     report = with_time_left(progress, "training", known)
     files = ProgressFiles(job, "training", with_tradeoffs(report, _tradeoffs(job)))
     settings = job.settings.model_copy(update={"training": plan.settings})
-    drafts, views = Drafts(job, files), early_views(capture, labelling)
+    drafts, first = Drafts(job, files), [number for number, masks in enumerate(labelling.masks) if masks is not None]
+    views = covering_order(capture, first or range(len(capture.views)))[:EARLY_VIEWS]  # those masked first
 
     def draft(splats: TrainedSplats, share: float) -> None:
-        drafts.of_training(splats, capture, labelling, views, settings, share)
+        provisional = Provisional("training", round(share, 3))
+        drafts.publish("training", lambda: training_draft(splats, capture, labelling, views, settings, provisional))
 
     watch = TrainingWatch(files.preview, finish_requested(job), draft, _TRAINING_DRAFTS)
     save_trained(train_scene(capture, labelling, settings, files.progress, checkpoint_folder(job), watch), folder)
@@ -256,17 +257,17 @@ def _store(job: Job, plan: StagePlan[TrainingSettings]) -> None:
         part.write_text(json.dumps({"settings": plan.settings.model_dump(mode="json"), "tradeoffs": plan.tradeoffs}))
 
 
-def early_views(capture: Capture, labelling: Labelling) -> Sequence[int]:
-    """Selects the views used for drafts: those masked first."""
-    looked_at = [number for number, masks in enumerate(labelling.masks) if masks is not None]
-    return covering_order(capture, looked_at or range(len(capture.views)))[:EARLY_VIEWS]
-
-
 def write_made(scene: Scene, folder: Path) -> None:
     """Writes a scene for publication, without photos."""
     write_scene(scene, folder / "artefact")
     write_ply(scene.gaussians, folder / "scene.ply")
-    (folder / SUMMARY).write_text(json.dumps(_summary(scene)))
+    summary = {
+        **content_of(scene),
+        "scale": scene.scale,
+        "cameras": [camera_to_json(posed) for posed in scene.cameras],
+        "quality": scene.facts.with_quality(scene.quality),
+    }
+    (folder / SUMMARY).write_text(json.dumps(summary))
 
 
 def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
@@ -330,23 +331,8 @@ class Drafts:
         self._job, self._files = job, files
         self._numbers = itertools.count(1)
 
-    def of_points(self, capture: Capture, labelling: Labelling, views: Sequence[int]) -> None:
-        self._publish("perception", lambda: first_draft(capture, labelling, views, self._job.settings))
-
-    def of_training(
-        self,
-        splats: TrainedSplats,
-        capture: Capture,
-        labelling: Labelling,
-        views: Sequence[int],
-        settings: Settings,
-        share: float,
-    ) -> None:
-        """Publishes a draft at training progress `share`."""
-        provisional = Provisional("training", round(share, 3))
-        self._publish("training", lambda: training_draft(splats, capture, labelling, views, settings, provisional))
-
-    def _publish(self, stage: str, make: Callable[[], Scene]) -> None:
+    def publish(self, stage: str, make: Callable[[], Scene]) -> None:
+        """Writes and announces the draft that `make` returns; `CancelledError` alone ends the stage."""
         job = self._job
         name = f"{job.folder.name}-{stage}-{job.attempt}-{next(self._numbers)}"
         folder = job.folder / DRAFTS / f".{name}"
@@ -367,12 +353,3 @@ class Drafts:
             return
         assert scene.facts.draft is not None
         self._files.draft(name, scene.facts.draft)
-
-
-def _summary(scene: Scene) -> dict[str, Any]:
-    return {
-        **content_of(scene),
-        "scale": scene.scale,
-        "cameras": [camera_to_json(posed) for posed in scene.cameras],
-        "quality": scene.facts.with_quality(scene.quality),
-    }

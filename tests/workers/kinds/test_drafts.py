@@ -11,10 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.capture.captures import Capture, CaptureReport
-from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent
-from fastsplat.service.perception.results import Labelling
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import CallSettings, Settings
@@ -56,21 +53,16 @@ def _wait_alone(deployment: Deployment, operation: Operation) -> None:
     deployment.wait_for(lambda: _versions_stored(deployment, operation) == [version])
 
 
-def test_a_draft_that_cannot_be_made_does_not_end_its_job(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_draft_that_cannot_be_made_does_not_end_its_job(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whatever the reason: it is in the job's log."""
 
-    def fail(*_: object) -> Scene:
+    def fail() -> Scene:
         raise IndexError("of a view that is not there")
 
-    monkeypatch.setattr(create_scene, "first_draft", fail)
     events: list[ProgressEvent] = []
     job = Job("operation", 1, tmp_path / "upload", tmp_path, SceneOptions(), Settings(data_dir=tmp_path))
     drafts = create_scene.Drafts(job, ProgressFiles(job, "perception", events.append))
-    report = CaptureReport("images", 0)
-    capture = Capture((), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), "metric", report)
-    drafts.of_points(capture, Labelling(Dictionary(()), ()), ())
+    drafts.publish("perception", fail)
     assert not events and "of a view that is not there" in capsys.readouterr().err
 
 
