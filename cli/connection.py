@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fastsplat.service.settings import Settings
     from fastsplat.service.store.store import Store
     from fastsplat_client import Client
+    from fastsplat_contract.server.keys import NewKey
 
 SAMPLE = "sample"
 """What stands for the sample scene in the place of a folder, where there is no folder of that name."""
@@ -81,6 +82,13 @@ def open_client(address: Address) -> Iterator[Client]:
 def is_sample(text: str) -> bool:
     """True for the sample scene."""
     return text == SAMPLE and not Path(text).exists()
+
+
+def link_to_share(page: str, new_key: NewKey) -> str:
+    """The address of the page that shows the one scene of a key, see `share_link`."""
+    from fastsplat_client import share_link
+
+    return share_link(page, new_key)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
-from fastsplat.cli.demo.report import print_report, report_of, save_pictures, write_report
+from fastsplat.cli.demo.report import print_report, report_of, save_pictures
 from fastsplat.cli.demo.service_process import running_service
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
@@ -100,7 +101,7 @@ def run_main_job(
             console.print(f'a click in {view} finds object {named.object.id}, {before}; a person names it "{_NAME}"')
             answers.append(_ask(client, scene.id, _NAME))
         report = report_of(scene, operation, objects, answers)
-        write_report(report, folder)
+        (folder / "report.json").write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n")
         save_pictures(client, scene, answers, view, folder)
         print_report(report, console)
     console.print(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {folder}/")

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.connection import link_to_share
 from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.session import Session
@@ -49,13 +50,11 @@ def share(
     page: Annotated[str, typer.Option(help="Where people open the page. Default: the server's URL.")] = "",
 ) -> None:
     """Print a read-only link to one scene; it is listed and revoked as a key."""
-    from fastsplat_client import share_link  # loads gRPC
-
     new_key = session.client.keys.share(session.scene(scene), name, days * _DAY_S)
     settings = load_settings()
     here = f"{'http' if settings.tls_cert is None else 'https'}://localhost:{settings.http_port}"
     typer.echo(f"key {new_key.key.id} shows scene {new_key.key.scene_id} alone, for {days:g} days:", err=True)
-    session.tell(new_key, share_link(page or session.address.url or here, new_key))
+    session.tell(new_key, link_to_share(page or session.address.url or here, new_key))
 
 
 @service_command(keys_app, "list")

@@ -186,10 +186,13 @@ def _triangulate(photos: Sequence[_SeenKeypoints]) -> list[tuple[F64, NDArray[np
                 rows = _same(units[number], units[peer], tree, reprojected(photos[peer].posed, places), photos[peer])
                 seen.append((peer, np.where(photo.depths > 0, rows, -1)))
         first = _solved(photos, number, seen)
-        inliers = [(peer, _fitting(photos[peer], rows, first)) for peer, rows in seen]
-        counts = np.zeros(len(places), np.intp)
-        for _, rows in inliers:
-            counts += rows >= 0
+        inliers, counts = [], np.zeros(len(places), np.intp)
+        for peer, rows in seen:
+            points = photos[peer].keypoints.points[np.maximum(rows, 0)]
+            off = np.linalg.norm(reprojected(photos[peer].posed, first) - points, axis=1)
+            fits = (rows >= 0) & (off < _FITS_PX)
+            inliers.append((peer, np.where(fits, rows, -1)))
+            counts += fits
         results.append((_solved(photos, number, inliers), counts))
     return results
 
@@ -261,11 +264,6 @@ def _ray_terms(photo: _SeenKeypoints, rays: F64, places: F64) -> tuple[F64, F64]
     weight = (photo.posed.camera.fx / (away * _DEVIATION_PX)) ** 2
     across = weight[:, None, None] * (np.eye(3) - rays[:, :, None] * rays[:, None, :])
     return across, across @ center
-
-
-def _fitting(photo: _SeenKeypoints, rows: NDArray[np.intp], places: F64) -> NDArray[np.intp]:
-    off = np.linalg.norm(reprojected(photo.posed, places) - photo.keypoints.points[np.maximum(rows, 0)], axis=1)
-    return np.asarray(np.where((rows >= 0) & (off < _FITS_PX), rows, -1), np.intp)
 
 
 def _directions(posed: PosedCamera, places: F64) -> F64:

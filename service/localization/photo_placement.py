@@ -35,7 +35,7 @@ from fastsplat.service.localization.pose_solving import (
     undistorted,
 )
 from fastsplat.service.localization.projection import reprojected
-from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.photos.localization import FocalSource, LocalizeRefusal
 
 _MATCHED_VIEWS = 8  # most similar photos of the scene that are matched in full
@@ -111,7 +111,12 @@ def place_photos(
     alone = [solve_pose(match.pixels, match.points, match.matches, match.photo.size, match.focals) for match in matched]
     solved: Sequence[SolvedPose | None] = alone
     if rough:
-        cameras = [_camera_of(match, pose) for match, pose in zip(matched, alone, strict=True)]
+        cameras = [
+            (match.focals[0][0], pinhole(match.photo.size, match.focals[0][1]))
+            if pose is None
+            else (pose.focal_source, pose.posed.camera)
+            for match, pose in zip(matched, alone, strict=True)
+        ]
         pixels, points, matches = zip(*((match.pixels, match.points, match.matches) for match in matched), strict=True)
         together = solve_jointly(pixels, points, matches, cameras, rough)
         solved = [group or pose for group, pose in zip(together, alone, strict=True)]
@@ -134,13 +139,6 @@ def _match(photo: Photo, landmarks: Landmarks) -> _Matched:
     pixels = keypoints.points[matches.keypoints].astype(np.float64)
     points = landmarks.points[matches.landmarks].astype(np.float64)
     return _Matched(photo, len(keypoints), matches, pixels, points, tuple(focals), landmarks.lens.k1)
-
-
-def _camera_of(match: _Matched, pose: SolvedPose | None) -> tuple[FocalSource, Camera]:
-    if pose is not None:
-        return pose.focal_source, pose.posed.camera
-    source, focal = match.focals[0]
-    return source, pinhole(match.photo.size, focal)
 
 
 def _placed(match: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group: int | None) -> PlacedPhoto:
