@@ -56,13 +56,16 @@ for _command in (demo, train, view, serve_command, check, tags, doctor, backup, 
     app.command()(_command)
 
 
+def _print_version(show: bool) -> None:
+    if show:
+        typer.echo(f"fastsplat {version('fastsplat')}")
+        raise typer.Exit
+
+
 @app.callback()
 def _options(
     show_version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=lambda show: _print_version(show), is_eager=True, help="Print the version and exit."
-        ),
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None: ...
 
@@ -100,12 +103,6 @@ def main() -> None:
         hint = f" {error.hint}" if error.hint else ""
         typer.echo(f"{error.reason}: {error.message}.{hint}", err=True)
         raise SystemExit(2) from error
-
-
-def _print_version(show: bool) -> None:
-    if show:
-        typer.echo(f"fastsplat {version('fastsplat')}")
-        raise typer.Exit
 
 
 def _start(role: str) -> None:

@@ -287,13 +287,11 @@ class _StageRows:
     def complete(self, stage: str) -> None:
         self._row(stage).update(fraction=1.0, message=_DONE)
 
-    def update(self, event: Event) -> bool:
+    def update(self, event: ProgressEvent | Done) -> bool:
         """Applies a trainer's event; returns True if it newly completes a stage."""
-        if isinstance(event, Failed):
-            return False
-        new = isinstance(event, Done) and not self.is_complete(event.stage)
         row = self._row(event.stage)
         if isinstance(event, Done):
+            new = not self.is_complete(event.stage)
             self.done.add(event.stage)
             self.complete(event.stage)
             if event.seconds:
