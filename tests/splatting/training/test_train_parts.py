@@ -182,10 +182,10 @@ def test_code_sizes() -> None:
 
 
 def test_a_third_label_between_two_is_a_ghost() -> None:
-    weight = torch.tensor([[0.0, 0.0], [-2.0, 0.0], [0.0, 0.0], [2.0, 0.0]])
-    bias = torch.tensor([-9.0, 0.0, 1.0, 0.0])
-    codes = torch.tensor([[-2.0, 0.0], [0.0, 0.0], [2.0, 0.0]])
-    assert ghost_share(codes, torch.ones(3), weight, bias) == pytest.approx(1 / 3)
+    weight = np.array([[0, 0], [-2, 0], [0, 0], [2, 0]], np.float32)
+    codes = np.array([[-2, 0], [0, 0], [2, 0]], np.float32)
+    head = SemanticHead(weight, np.array([-9, 0, 1, 0], np.float32))
+    assert ghost_share(codes, np.zeros(3, np.float32), head) == pytest.approx(1 / 3)
 
 
 def test_points_start_on_their_label(world) -> None:
