@@ -25,13 +25,7 @@ from fastsplat.cli.operating.serve_command import Devices, Workers
 from fastsplat.cli.operating.serve_command import serve as serve_command
 from fastsplat.cli.operating.status import status
 from fastsplat.cli.options import service_command
-from fastsplat.cli.scenes import (  # noqa: F401  each adds its commands to a group
-    create_commands,
-    edit_commands,
-    export,
-    localize,
-    measure_commands,
-)
+from fastsplat.cli.scenes import create_commands, edit_commands, export, localize, measure_commands  # noqa: F401  each adds its commands to a group
 from fastsplat.cli.scenes.ask_command import ask
 from fastsplat.cli.scenes.object_commands import objects_app
 from fastsplat.cli.scenes.scene_commands import scenes_app
@@ -62,13 +56,16 @@ for _command in (demo, train, view, serve_command, check, tags, doctor, backup, 
     app.command()(_command)
 
 
+def _print_version(show: bool) -> None:
+    if show:
+        typer.echo(f"fastsplat {version('fastsplat')}")
+        raise typer.Exit
+
+
 @app.callback()
 def _options(
     show_version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=lambda show: _print_version(show), is_eager=True, help="Print the version and exit."
-        ),
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None: ...
 
@@ -106,12 +103,6 @@ def main() -> None:
         hint = f" {error.hint}" if error.hint else ""
         typer.echo(f"{error.reason}: {error.message}.{hint}", err=True)
         raise SystemExit(2) from error
-
-
-def _print_version(show: bool) -> None:
-    if show:
-        typer.echo(f"fastsplat {version('fastsplat')}")
-        raise typer.Exit
 
 
 def _start(role: str) -> None:

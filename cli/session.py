@@ -73,6 +73,11 @@ class Session(AbstractContextManager["Session"]):
         """Completes the name of a scene's version; "" is the current one. Errors as `whole_id`."""
         return text and whole_id("version", text, (row.version for row in self.client.versions(scene_id)))
 
+    def at(self, scene: str, version: str) -> tuple[str, str]:
+        """Completes a scene's id and the name of a version of it, see `scene` and `version`."""
+        scene_id = self.scene(scene)
+        return scene_id, self.version(scene_id, version)
+
     def current(self, scene_id: str) -> str:
         """The name of the version that is current."""
         return next(row.version for row in self.client.versions(scene_id) if row.current)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
-from fastsplat.cli.demo.report import print_report, report_of, save_pictures, write_report
+from fastsplat.cli.demo.report import print_report, report_of, save_pictures
 from fastsplat.cli.demo.service_process import running_service
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
@@ -90,7 +91,8 @@ def run_main_job(
         ) as client,
     ):
         scene, operation = _train(client, photos or SAMPLE_PHOTOS, seconds, console, folder)
-        texts = ask or (_questions_for(_labels(scene)) if photos else _SAMPLE_QUESTIONS)
+        labels = [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
+        texts = ask or (_questions_for(labels) if photos else _SAMPLE_QUESTIONS)
         answers = [_ask(client, scene.id, text) for text in texts]
         objects, view = list(client.objects(scene.id)), scene.cameras[len(scene.cameras) // 2].name
         (folder / "objects.png").write_bytes(client.picture(scene.id, "objects", view))
@@ -99,7 +101,7 @@ def run_main_job(
             console.print(f'a click in {view} finds object {named.object.id}, {before}; a person names it "{_NAME}"')
             answers.append(_ask(client, scene.id, _NAME))
         report = report_of(scene, operation, objects, answers)
-        write_report(report, folder)
+        (folder / "report.json").write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n")
         save_pictures(client, scene, answers, view, folder)
         print_report(report, console)
     console.print(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {folder}/")
@@ -119,10 +121,6 @@ def _train(
         typer.echo(f"the job ended as {operation.state}: {operation.error}\nsee {folder}/service.log", err=True)
         raise typer.Exit(1)
     return client.scene(operation.scene_id), operation
-
-
-def _labels(scene: Scene) -> Sequence[str]:
-    return [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
 
 
 def _ask(client: Client, scene_id: str, text: str) -> Answer:
@@ -188,10 +186,7 @@ def object_to_name(ids: NDArray[np.uint16], objects: Mapping[int, SceneObject]) 
 
 
 def _questions_for(labels: Sequence[str]) -> tuple[str, ...]:
-    """Makes questions of a scene's labels, most Gaussians first.
-
-    The two leading labels, a wider or neighbouring word (ambiguous on purpose), and an object that is not there.
-    """
+    """The two leading labels, a wider or neighbouring word (ambiguous on purpose), and an object that is not there."""
     wider = next((_WIDER[label] for label in labels if label in _WIDER and _WIDER[label] not in labels), "furniture")
     absent = next(word for word in _ABSENT if word not in labels)
     return (*labels[:2], wider, absent)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -118,11 +117,6 @@ def save_pictures(client: Client, scene: Scene, answers: Sequence[Answer], view:
         (folder / f"{stem}-mask.ply").write_bytes(masked.mask3d or b"")
     write_sheet(panels, folder / "summary.jpg")
     client.download_scene(scene.id, folder / "scene.ply")
-
-
-def write_report(report: Mapping[str, Any], folder: Path) -> None:
-    """Write `report.json` into the folder."""
-    (folder / "report.json").write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n")
 
 
 def print_report(report: Mapping[str, Any], console: Console) -> None:

@@ -10,9 +10,7 @@ from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.session import Session
 from fastsplat.cli.tables import duration, facts, minute, size
 from fastsplat_contract.server.server_status import (
-    DiskHealth,
     ModelStatus,
-    QueueHealth,
     QuotaStatus,
     ServerHealth,
     ServerStatus,
@@ -66,23 +64,18 @@ def _facts(server: ServerStatus) -> str:
 
 def _health(health: ServerHealth) -> tuple[tuple[str, str], ...]:
     workers = (("worker", _worker(worker)) for worker in health.workers)
-    return (*workers, ("queue", _queue(health.queue)), _disk(health.disk))
+    queue, disk = health.queue, health.disk
+    longest = "" if queue.waits_s is None else f", the longest for {duration(queue.waits_s)}"
+    waiting = f"{queue.waiting:,} wait{longest}; {queue.running:,} run"
+    refused = "are refused" if disk.free_bytes < disk.floor_bytes else f"stop below {size(disk.floor_bytes)}"
+    free = f"{size(disk.free_bytes)} of {size(disk.total_bytes)} free; uploads {refused}"
+    return (*workers, ("queue", waiting), ("disk", free))
 
 
 def _worker(worker: WorkerHealth) -> str:
     silent = duration(worker.silent_s)
     heard = f"alive, heard {silent} ago" if worker.alive else f"silent for {silent}: other workers get its jobs"
     return f"process {worker.pid} of {worker.host}: {heard}"
-
-
-def _queue(queue: QueueHealth) -> str:
-    longest = "" if queue.waits_s is None else f", the longest for {duration(queue.waits_s)}"
-    return f"{queue.waiting:,} wait{longest}; {queue.running:,} run"
-
-
-def _disk(disk: DiskHealth) -> tuple[str, str]:
-    refused = "are refused" if disk.free_bytes < disk.floor_bytes else f"stop below {size(disk.floor_bytes)}"
-    return "disk", f"{size(disk.free_bytes)} of {size(disk.total_bytes)} free; uploads {refused}"
 
 
 def _model(model: ModelStatus) -> str:

@@ -177,14 +177,13 @@ def insert(
     source_version: Annotated[str, typer.Option(help="Of the other scene. Default: its current one.")] = "",
 ) -> None:
     """Put objects of another scene into this one, with new ids and their names."""
-    scene_id, source_id = session.scene(scene), session.scene(source)
     edit = Edit(
         "insert",
         object_ids=tuple(objects),
         transform=Pose(Vector3(*position), Quaternion(*orientation)),
-        source=InsertSource(source_id, session.version(source_id, source_version)),
+        source=InsertSource(*session.at(source, source_version)),
     )
-    _edit(session, scene_id, edit, "")
+    _edit(session, scene, edit, "")
 
 
 @service_command(objects_app)
@@ -223,8 +222,8 @@ def add(
 
 
 def _edit(session: Session, scene: str, edit: Edit, looked_at: str) -> None:
-    scene_id = session.scene(scene)
-    new_version = session.client.edit_scene(scene_id, [edit], looked_at=session.version(scene_id, looked_at))
+    scene_id, looked_at = session.at(scene, looked_at)
+    new_version = session.client.edit_scene(scene_id, [edit], looked_at=looked_at)
     lines = []
     for new in new_version.prompted:
         agree = f", seen in {len(new.views)} views" if len(new.views) > 1 else ", seen in one view"
@@ -317,15 +316,13 @@ def versions(session: Session, scene: SceneId) -> None:
 @service_command(objects_app)
 def undo(session: Session, scene: SceneId, only: _Only = "") -> None:
     """Go back to the version before the current one."""
-    scene_id = session.scene(scene)
-    _tell(session, session.client.undo_edit(scene_id, session.version(scene_id, only)))
+    _tell(session, session.client.undo_edit(*session.at(scene, only)))
 
 
 @service_command(objects_app)
 def redo(session: Session, scene: SceneId, only: _Only = "") -> None:
     """Go forward to the version that was undone."""
-    scene_id = session.scene(scene)
-    _tell(session, session.client.redo_edit(scene_id, session.version(scene_id, only)))
+    _tell(session, session.client.redo_edit(*session.at(scene, only)))
 
 
 @service_command(objects_app)
@@ -333,8 +330,7 @@ def restore(
     session: Session, scene: SceneId, version: Annotated[str, typer.Argument(help="A version of the list of versions.")]
 ) -> None:
     """Make any version current; all others stay."""
-    scene_id = session.scene(scene)
-    _tell(session, session.client.restore_version(scene_id, session.version(scene_id, version)))
+    _tell(session, session.client.restore_version(*session.at(scene, version)))
 
 
 def _tell(session: Session, version: SceneVersion) -> None:

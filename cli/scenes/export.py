@@ -28,8 +28,7 @@ def export(
 ) -> None:
     """Write a scene, or some of its objects, as a file for other programs."""
     kind = format or _format_of(file.name.lower())
-    scene_id = session.scene(scene)
-    version = session.version(scene_id, version)
+    scene_id, version = session.at(scene, version)
     write_file(file, session.client.export(scene_id, kind, version=version, objects=obj, cell=cell))
 
 

@@ -20,16 +20,17 @@ from fastsplat_contract.geometry.poses import Pose
 from fastsplat_contract.photos.localization import LocalizedPhoto
 from fastsplat_contract.photos.observations import Observation, ObservationList
 
+_Focal = Annotated[
+    list[float], typer.Option(help="Focal length in pixels of the upright photo, for all or each. Default: estimated.")
+]
+
 
 @service_command(scenes_app)
 def localize(
     session: Session,
     scene: SceneId,
     photos: Annotated[list[Path], typer.Argument(help="Image files.", metavar="PHOTO...")],
-    focal: Annotated[
-        list[float],
-        typer.Option(help="Focal length in pixels of the upright photo, for all or each. Default: estimated."),
-    ] = [],
+    focal: _Focal = [],
     poses: Annotated[
         Path | None,
         typer.Option(help="A JSON list, roughly where each photo was taken: they then find their place together."),
@@ -39,8 +40,7 @@ def localize(
     """Find where photos were taken, and what has changed; status 1 without a sure place."""
     rough = () if poses is None else _poses(poses)
     contents = [_bytes(path) for path in photos]
-    scene_id = session.scene(scene)
-    version = session.version(scene_id, version)
+    scene_id, version = session.at(scene, version)
     answer = session.client.localize(scene_id, contents, focals=focal, poses=rough, version=version)
     unit = "m" if answer.meters else "scene units"
     lines = [_line(path.name, photo, unit) for path, photo in zip(photos, answer.photos, strict=True)]
@@ -59,10 +59,7 @@ def observe(
         datetime | None,
         typer.Option(help="When they were taken, in this machine's time zone. Default: by their metadata, or now."),
     ] = None,
-    focal: Annotated[
-        list[float],
-        typer.Option(help="Focal length in pixels of the upright photo, for all or each. Default: estimated."),
-    ] = [],
+    focal: _Focal = [],
 ) -> None:
     """Keep photos of another day, and say what is gone, moved, new or changed.
 
@@ -78,8 +75,7 @@ def observe(
 @service_command(scenes_app)
 def observations(session: Session, scene: SceneId, version: Version = "") -> None:
     """Say what photos of other days showed, the newest first."""
-    scene_id = session.scene(scene)
-    version = session.version(scene_id, version)
+    scene_id, version = session.at(scene, version)
     listed = tuple(session.client.observations(scene_id, version=version))
     text = "\n".join(map(_observation_text, listed)) or "no photos of another day are kept with this scene"
     session.tell(ObservationList(listed, "", version), text)

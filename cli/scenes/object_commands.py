@@ -66,8 +66,7 @@ def sheet(
     version: Version = "",
 ) -> None:
     """Write a picture of at most 20 numbered objects without a name, and list them."""
-    scene_id = session.scene(scene)
-    request = GetContactSheetRequest(scene_id, session.version(scene_id, version), page_token=page)
+    request = GetContactSheetRequest(*session.at(scene, version), page_token=page)
     contact_sheet = session.client.call(calls.GET_CONTACT_SHEET, request)
     if contact_sheet.picture:
         write_file(file, contact_sheet.picture)
@@ -100,8 +99,8 @@ def goal(
     version: Version = "",
 ) -> None:
     """Say where a robot stands to see an object, in meters with z up."""
-    scene_id = session.scene(scene)
-    place = session.client.goal(scene_id, obj, radius, version=session.version(scene_id, version))
+    scene_id, version = session.at(scene, version)
+    place = session.client.goal(scene_id, obj, radius, version=version)
     session.tell(
         place,
         f"stand at {point(place.pose.position)} m, turned by {math.degrees(place.yaw):.0f}° from x: "
@@ -112,8 +111,8 @@ def goal(
 @service_command(objects_app)
 def detections(session: Session, scene: SceneId, version: Version = "") -> None:
     """Show each object's position with uncertainty, its name, and the object that carries it."""
-    scene_id = session.scene(scene)
-    whole = session.client.detection_page(scene_id, version=session.version(scene_id, version))
+    scene_id, version = session.at(scene, version)
+    whole = session.client.detection_page(scene_id, version=version)
     found = list(whole.detections)
     while whole.next_page_token:
         whole = session.client.detection_page(scene_id, version=whole.version, page_token=whole.next_page_token)
@@ -142,8 +141,7 @@ def pick(
     version: Version = "",
 ) -> None:
     """Say which object, part and group is at a pixel, box or point."""
-    scene_id = session.scene(scene)
-    version = session.version(scene_id, version)
+    scene_id, version = session.at(scene, version)
     picked = session.client.pick(scene_id, view or None, pixel=pixel, box=box, point=at, version=version, level=level)
     session.tell(picked, _picked(picked))
 

@@ -11,7 +11,7 @@ position; insertions are copied from the draft.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,12 +87,10 @@ class DraftVersion:
 
 
 @dataclass(frozen=True)
-class _CarriedVersion:
+class _CarriedVersion(DraftVersion):
     """Version `number` (from 0) of a draft made again: applicable edits in new ids."""
 
     number: int
-    edits: Sequence[Edit]
-    index: SceneIndex
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ class _Carried:
     """Reapplied versions; `lost`: messages on edits that could not be made again."""
 
     versions: Sequence[_CarriedVersion]
-    lost: Sequence[str] = field(default_factory=list)
+    lost: Sequence[str]
 
 
 def carry_edits(
@@ -134,17 +132,15 @@ def carry_edits(
             ids |= dict(zip(there, here, strict=True))
         before = version.index
         if new_edits:
-            versions.append(_CarriedVersion(number, new_edits, index))
+            versions.append(_CarriedVersion(new_edits, index, number))
     return _Carried(versions, lost)
 
 
 def _matched_objects(draft: SceneIndex, scene: SceneIndex) -> dict[int, int]:
-    """Maps the draft's object ids to the scene's by mutual best overlap.
-
-    Overlap is weighted by the pixels of the scene's Gaussians, each owned by the object of the nearest draft Gaussian.
-    Parts and groups are not matched.
-    """
-    return _matched(_at(draft, scene), scene.objects.owner, _weights(scene))
+    """Maps the draft's object ids to the scene's by mutual best overlap; parts and groups are not matched."""
+    # Weighted by the pixels of the scene's Gaussians, each owned by the object of the nearest draft Gaussian.
+    weights = seen_pixels(scene.objects.table.membership).astype(np.float64)
+    return _matched(_at(draft, scene), scene.objects.owner, weights)
 
 
 def _matched(there: NDArray[np.int32], here: NDArray[np.int32], weights: NDArray[np.float64]) -> dict[int, int]:
@@ -168,10 +164,6 @@ def _at(source: SceneIndex, scene: SceneIndex) -> NDArray[np.int32]:
         return np.zeros(len(scene.scene.gaussians), np.int32)
     nearest = cKDTree(source.scene.gaussians.means).query(scene.scene.gaussians.means)[1]
     return np.asarray(owner[nearest], np.int32)
-
-
-def _weights(index: SceneIndex) -> NDArray[np.float64]:
-    return seen_pixels(index.objects.table.membership).astype(np.float64)
 
 
 def _applied(edit: Edit, before: SceneIndex, after: SceneIndex, index: SceneIndex, max_gaussians: int | None) -> Scene:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from fastsplat.service.library.local_scene import LocalScene, open_scene
@@ -36,12 +35,7 @@ def open_sample() -> LocalScene:
     Raises:
         ResourceError, InvalidInputError: as `unpack_sample`.
     """
-    place = Path(tempfile.mkdtemp(prefix="fastsplat-sample-"))
-    try:
-        unpack_sample(place / "data")
-        scene = open_scene(place / "data")
-    except BaseException:
-        shutil.rmtree(place, ignore_errors=True)
-        raise
-    scene.on_close(weakref.finalize(scene, shutil.rmtree, place, ignore_errors=True))
+    with ExitStack() as opened:
+        scene = open_scene(opened.enter_context(sample_folder()))
+        scene.on_close(weakref.finalize(scene, opened.pop_all().close))
     return scene

@@ -156,14 +156,13 @@ class _ByStage:
     """Prints left-out photos, and each tenth of a stage."""
 
     def __init__(self) -> None:
-        self._last = ""
-        self._said = False
+        self._last: str | None = None
 
     def __call__(self, operation: Operation) -> None:
-        if not self._said:
+        if self._last is None:
+            self._last = ""
             for name, reason in operation.left_out.items():
                 print(f"left out: {name}: {reason}", flush=True)
-            self._said = True
         if not operation.stages:
             return
         stage = operation.stages[-1]

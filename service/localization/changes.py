@@ -110,11 +110,8 @@ def find_changes(
     """
     lost, seen = lost_objects(views, boxes, surfaces)
     lost += _lost_pieces(views, lost, place)
-    comparisons = [view.comparison for view in views]
-    maps = [
-        (view.only_in_photo, view.unknown(aside, view.comparison.covered))
-        for view, aside in zip(views, pixels_of(views, lost), strict=True)
-    ]
+    comparisons, around = [view.comparison for view in views], zip(views, pixels_of(views, lost), strict=True)
+    maps = [(view.only_in_photo, view.unknown(aside, view.comparison.covered)) for view, aside in around]
     pieces = changed_pieces(comparisons, maps, place)
     events = _events(comparisons, whole(lost), pieces, float((place[1] - place[0]).max()))
     return Changes(tuple(sorted(events, key=lambda event: -event.probability)), tuple(seen))
@@ -130,7 +127,8 @@ def _events(
         for number, piece in enumerate(pieces):
             likeness = _likeness(looks_lost[row], looks_new[number])
             if likeness >= _ALIKE and _size_ratio(loss.box, piece.box) <= _SIZE_RATIO:
-                pairs.append((likeness - _NEARER * _distance(loss.box, piece.box) / length, row, number))
+                distance = float(np.linalg.norm((loss.box - piece.box).mean(axis=0)))
+                pairs.append((likeness - _NEARER * distance / length, row, number))
     moved: dict[int, int] = {}
     for _, row, number in sorted(pairs, reverse=True):
         if row not in moved and number not in moved.values():
@@ -153,7 +151,7 @@ def _events(
     return events
 
 
-def _regions(of: Lost | ChangedPiece, kind: DifferenceKind) -> tuple[Region, ...]:
+def _regions(of: ChangedPiece, kind: DifferenceKind) -> tuple[Region, ...]:
     return tuple(Region(row, kind, _around(mask)) for row, mask in zip(of.views, of.pixels, strict=True))
 
 
@@ -162,7 +160,7 @@ def _around(pixels: Bools) -> tuple[int, int, int, int]:
     return int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
 
 
-def _sure(of: Lost | ChangedPiece) -> float:
+def _sure(of: ChangedPiece) -> float:
     """Combines the share of changed pixels and the number of agreeing photos, 0..1."""
     return float(of.share * (1 - 0.5 ** len(of.views)))
 
@@ -172,11 +170,7 @@ def _size_ratio(first: F64, second: F64) -> float:
     return max(lengths) / min(lengths)
 
 
-def _distance(first: F64, second: F64) -> float:
-    return float(np.linalg.norm(first.mean(axis=0) - second.mean(axis=0)))
-
-
-def _colors(pictures: Sequence[F32], of: Lost | ChangedPiece) -> F64:
+def _colors(pictures: Sequence[F32], of: ChangedPiece) -> F64:
     """CIELAB histogram of a region, float64 [K], sum 1; few brightness bins because light differs."""
     colors = np.concatenate([pictures[row][mask] for row, mask in zip(of.views, of.pixels, strict=True)])
     if not len(colors):
@@ -192,14 +186,20 @@ def _likeness(first: F64, second: F64) -> float:
 
 
 @dataclass(frozen=True)
-class Lost:
-    """An object or surface piece that is not where it was."""
+class ChangedPiece:
+    """A changed piece of space, carved from voxels."""
+
+    box: F64  # [2, 3], lowest and highest corners, world frame, scene units
+    views: tuple[int, ...]  # rows of the photos that show it
+    pixels: tuple[Bools, ...]  # [H, W] for each view: covered and differing
+    share: float  # mean share of differing pixels
+
+
+@dataclass(frozen=True)
+class Lost(ChangedPiece):
+    """An object or surface piece that is not where it was; pixels of an object are all that the scene shows."""
 
     object_id: int  # its id; 0 if it is none of the scene's objects
-    box: F64  # [2, 3], lowest and highest corners, scene units
-    views: tuple[int, ...]  # rows of the photos that agree
-    pixels: tuple[Bools, ...]  # [H, W] for each view, where the scene shows it
-    share: float  # of its pixels that the photos do not show
     step: float  # see `_step_ratio`; above `_STEPS`, something else stands there
 
 
@@ -231,29 +231,19 @@ def lost_objects(
         if share >= _LOST_SHARE and len(agreeing) >= _FEWEST_VIEWS:
             own_pixels = tuple(views[row].objects == obj for row in agreeing)
             step = _step_ratio(agreeing, own_pixels, views)
-            lost.append(Lost(obj, boxes[obj], agreeing, own_pixels, share, step))
+            lost.append(Lost(boxes[obj], agreeing, own_pixels, share, obj, step))
     return lost, seen
 
 
 def _lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) -> list[Lost]:
-    """Finds lost surface pieces that are none of the scene's objects.
-
-    The photos lack their colors, and the color step at their border is not many times the scene's.
-
-    Args:
-        lost: objects, whose pixels are explained.
-        place: [2, 3], bounds of the searched space.
-    """
-    comparisons = [view.comparison for view in views]
-    maps = [
-        (view.only_in_scene, view.unknown(aside, view.comparison.sure))
-        for view, aside in zip(views, pixels_of(views, lost), strict=True)
-    ]
+    """Finds lost surface pieces outside of `lost` objects, without a larger color step at the border."""
+    comparisons, around = [view.comparison for view in views], zip(views, pixels_of(views, lost), strict=True)
+    maps = [(view.only_in_scene, view.unknown(aside, view.comparison.sure)) for view, aside in around]
     found = []
     for piece in changed_pieces(comparisons, maps, place, on_surface=True):
         step = _step_ratio(piece.views, piece.pixels, views)
         if step < _STEPS:
-            found.append(Lost(0, piece.box, piece.views, piece.pixels, piece.share, step))
+            found.append(Lost(**vars(piece), object_id=0, step=step))
     return found
 
 
@@ -297,13 +287,7 @@ def _surface(comparison: Comparison) -> F64:
 
 
 def _step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[LaterView]) -> float:
-    """Ratio of color steps at a region's border, photo to scene, in the median photo.
-
-    1 if nothing around the region is unchanged.
-
-    Args:
-        pixels: [H, W] for each of `rows`, the region.
-    """
+    """Ratio of color steps at a region's border, photo to scene, in the median photo; 1 if all around is changed."""
     ratios = []
     for row, mask in zip(rows, pixels, strict=True):
         pictures = views[row].comparison.photo, views[row].comparison.rendering
@@ -313,11 +297,8 @@ def _step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[La
 
 
 def _step(picture: F32, mask: Bools, free: Bools) -> float:
-    """Lower quartile of color differences across a region's border, 0..1, by local means.
-
-    A quartile, as an object has a border all around while a pattern has edges only somewhere. Only `free` surroundings
-    count.
-    """
+    """Lower quartile of color differences, by local means, across a region's border to `free` pixels, 0..1."""
+    # A quartile, as an object has a border all around while a pattern has edges only somewhere.
     region = mask.astype(np.uint8)
     near = cv2.dilate(region, np.ones((_BORDER_PX, _BORDER_PX))) > 0
     around = (cv2.dilate(region, np.ones((_RING_PX, _RING_PX))) > 0) & ~near & free
@@ -333,16 +314,6 @@ def _local_mean(picture: F32, part: Bools) -> tuple[F32, F32]:
     weight = cv2.blur(part.astype(np.float32), size)
     mean = cv2.blur(picture * part[..., None], size) / np.maximum(weight, 1e-6)[..., None]
     return np.asarray(mean, np.float32), np.asarray(weight, np.float32)
-
-
-@dataclass(frozen=True)
-class ChangedPiece:
-    """A changed piece of space, carved from voxels."""
-
-    box: F64  # [2, 3], lowest and highest corners, world frame, scene units
-    views: tuple[int, ...]  # rows of the photos that show it
-    pixels: tuple[Bools, ...]  # [H, W] for each view: covered and differing
-    share: float  # mean share of differing pixels
 
 
 def changed_pieces(
@@ -379,11 +350,7 @@ def _carved(
     on_surface: bool,
     fewest: int,
 ) -> list[tuple[F64, F64]]:
-    """Carves voxels into connected pieces: box and centers of each, the largest first.
-
-    Args:
-        wide: a voxel counts as changed where any of its projection is; otherwise its center decides.
-    """
+    """Box and centers of each connected piece, the largest first; `wide`: any of a voxel's pixels decides."""
     low, high = place
     counts = np.maximum(np.ceil((high - low) / width), 1).astype(int)
     axes = [start + (np.arange(count) + 0.5) * width for start, count in zip(low, counts, strict=True)]
@@ -436,10 +403,8 @@ def _piece(
 
 
 def _centered(piece: ChangedPiece, comparisons: Sequence[Comparison]) -> ChangedPiece:
-    """Centers a piece's box where the rays through its pictures' middles meet.
-
-    Seen from few sides, a hull is too long along the rays, but its content is in the middle. The box never grows.
-    """
+    """Shrinks a piece's box around where the rays through its pictures' middles meet."""
+    # Seen from few sides, a hull is too long along the rays, but its content is in the middle.
     normal, right = np.zeros((3, 3)), np.zeros(3)
     for view, mask in zip(piece.views, piece.pixels, strict=True):
         posed = comparisons[view].posed

@@ -27,13 +27,16 @@ class Keypoints:
         return len(self.points)
 
 
+NO_KEYPOINTS = Keypoints(np.zeros((0, 2), np.float32), np.zeros((0, DESCRIPTOR_BYTES), np.uint8))
+
+
 def find_keypoints(picture: NDArray[np.uint8], most: int) -> Keypoints:
     """Detects SIFT features (Lowe, IJCV 2004) in RGB, as RootSIFT (Arandjelović and Zisserman, CVPR 2012)."""
     gray = np.ascontiguousarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
     detector = cv2.SIFT.create(most, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
     found, histograms = detector.detectAndCompute(gray, None)
     if histograms is None or not len(found):
-        return Keypoints(np.zeros((0, 2), np.float32), np.zeros((0, DESCRIPTOR_BYTES), np.uint8))
+        return NO_KEYPOINTS
     order = np.argsort([-keypoint.response for keypoint in found], kind="stable")[:most]
     points = np.array([found[row].pt for row in order], np.float32) + 0.5
     rows = np.asarray(histograms, np.float32)[order]

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.radial_lens import RadialLens
-from fastsplat.service.localization.keypoints import DESCRIPTOR_BYTES, Keypoints, find_keypoints, unit_rows
+from fastsplat.service.localization.keypoints import (
+    DESCRIPTOR_BYTES,
+    NO_KEYPOINTS,
+    Keypoints,
+    find_keypoints,
+    unit_rows,
+)
 from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.geometry.camera import PosedCamera
 
@@ -124,8 +130,7 @@ def _seen(
     seen = geometry(sized)
     height, width = seen.median_depth.shape
     if min(height, width) < 3 or not len(keypoints):
-        nothing = Keypoints(np.zeros((0, 2), np.float32), np.zeros((0, DESCRIPTOR_BYTES), np.uint8))
-        return _SeenKeypoints(sized, nothing, np.zeros(0)), np.zeros(0, np.bool_)
+        return _SeenKeypoints(sized, NO_KEYPOINTS, np.zeros(0)), np.zeros(0, np.bool_)
     column = keypoints.points[:, 0].astype(np.intp).clip(1, width - 2)
     row = keypoints.points[:, 1].astype(np.intp).clip(1, height - 2)
     around = np.stack([seen.median_depth[row + y, column + x] for y in (-1, 0, 1) for x in (-1, 0, 1)])
@@ -162,18 +167,10 @@ class _SeenKeypoints:
 
 
 def _triangulate(photos: Sequence[_SeenKeypoints]) -> list[tuple[F64, NDArray[np.intp]]]:
-    """Triangulates each photo's keypoints.
-
-    Each is searched for in six other photos around its projection by the scene's depth. Its place minimizes the squared
-    pixel distances from the rays of all photos and the deviation from that depth, each by its standard deviation. Rays
-    more than 3 pixels off are dropped once.
-
-    Returns:
-        For each photo the places, float64 [K, 3], and the number of other photos that confirm each, [K].
-
-    Raises:
-        CancelledError: see `service.common.cancellation`.
-    """
+    """For each photo its keypoints' places, float64 [K, 3], and how many others confirm each, [K]."""
+    # Each is searched for in six other photos around its projection by the scene's depth. Its place minimizes the
+    # squared pixel distances from the rays of all photos and the deviation from that depth, each by its standard
+    # deviation. Rays more than 3 pixels off are dropped once.
     from scipy.spatial import cKDTree
 
     trees = [cKDTree(photo.keypoints.points) if len(photo.keypoints) else None for photo in photos]
@@ -189,10 +186,13 @@ def _triangulate(photos: Sequence[_SeenKeypoints]) -> list[tuple[F64, NDArray[np
                 rows = _same(units[number], units[peer], tree, reprojected(photos[peer].posed, places), photos[peer])
                 seen.append((peer, np.where(photo.depths > 0, rows, -1)))
         first = _solved(photos, number, seen)
-        inliers = [(peer, _fitting(photos[peer], rows, first)) for peer, rows in seen]
-        counts = np.zeros(len(places), np.intp)
-        for _, rows in inliers:
-            counts += rows >= 0
+        inliers, counts = [], np.zeros(len(places), np.intp)
+        for peer, rows in seen:
+            points = photos[peer].keypoints.points[np.maximum(rows, 0)]
+            off = np.linalg.norm(reprojected(photos[peer].posed, first) - points, axis=1)
+            fits = (rows >= 0) & (off < _FITS_PX)
+            inliers.append((peer, np.where(fits, rows, -1)))
+            counts += fits
         results.append((_solved(photos, number, inliers), counts))
     return results
 
@@ -264,11 +264,6 @@ def _ray_terms(photo: _SeenKeypoints, rays: F64, places: F64) -> tuple[F64, F64]
     weight = (photo.posed.camera.fx / (away * _DEVIATION_PX)) ** 2
     across = weight[:, None, None] * (np.eye(3) - rays[:, :, None] * rays[:, None, :])
     return across, across @ center
-
-
-def _fitting(photo: _SeenKeypoints, rows: NDArray[np.intp], places: F64) -> NDArray[np.intp]:
-    off = np.linalg.norm(reprojected(photo.posed, places) - photo.keypoints.points[np.maximum(rows, 0)], axis=1)
-    return np.asarray(np.where((rows >= 0) & (off < _FITS_PX), rows, -1), np.intp)
 
 
 def _directions(posed: PosedCamera, places: F64) -> F64:

@@ -35,7 +35,7 @@ from fastsplat.service.localization.pose_solving import (
     undistorted,
 )
 from fastsplat.service.localization.projection import reprojected
-from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.photos.localization import FocalSource, LocalizeRefusal
 
 _MATCHED_VIEWS = 8  # most similar photos of the scene that are matched in full
@@ -111,7 +111,12 @@ def place_photos(
     alone = [solve_pose(match.pixels, match.points, match.matches, match.photo.size, match.focals) for match in matched]
     solved: Sequence[SolvedPose | None] = alone
     if rough:
-        cameras = [_camera_of(match, pose) for match, pose in zip(matched, alone, strict=True)]
+        cameras = [
+            (match.focals[0][0], pinhole(match.photo.size, match.focals[0][1]))
+            if pose is None
+            else (pose.focal_source, pose.posed.camera)
+            for match, pose in zip(matched, alone, strict=True)
+        ]
         pixels, points, matches = zip(*((match.pixels, match.points, match.matches) for match in matched), strict=True)
         together = solve_jointly(pixels, points, matches, cameras, rough)
         solved = [group or pose for group, pose in zip(together, alone, strict=True)]
@@ -136,13 +141,6 @@ def _match(photo: Photo, landmarks: Landmarks) -> _Matched:
     return _Matched(photo, len(keypoints), matches, pixels, points, tuple(focals), landmarks.lens.k1)
 
 
-def _camera_of(match: _Matched, pose: SolvedPose | None) -> tuple[FocalSource, Camera]:
-    if pose is not None:
-        return pose.focal_source, pose.posed.camera
-    source, focal = match.focals[0]
-    return source, pinhole(match.photo.size, focal)
-
-
 def _placed(match: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group: int | None) -> PlacedPhoto:
     """Refines and judges a pose; `of_group`: inlier keypoints of all photos of its group."""
     if match.keypoints < FEWEST_KEYPOINTS and of_group is None:
@@ -156,7 +154,9 @@ def _placed(match: _Matched, pose: SolvedPose | None, geometry: Geometry, of_gro
     if (refusal := refusal_of(replace(counted, agreement=1.0))) is not None:
         return PlacedPhoto(refusal, evidence)
     match, pose, radial = _straightened(match, pose)
-    covariance = _covariance(match, pose)
+    rows = pose.inliers
+    estimated = pose.focal_source != "given"  # metadata and other photos may be a few percent off
+    covariance = pose_covariance(pose.posed, match.pixels[rows], match.points[rows], focal_estimated=estimated)
     posed, comparison, refined = _refined(match, pose, covariance, geometry)
     agreement = agreement_of(comparison)
     evidence = replace(evidence, agreement=agreement)
@@ -181,12 +181,6 @@ def _straightened(match: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPo
     picture, valid = (np.asarray(cv2.undistort(part, matrix, lens), np.uint8) for part in (match.photo.picture, whole))
     photo = replace(match.photo, picture=picture, valid=valid == 255)
     return replace(match, photo=photo, pixels=pixels), straight, radial
-
-
-def _covariance(match: _Matched, pose: SolvedPose) -> F64:
-    rows = pose.inliers
-    estimated = pose.focal_source != "given"  # metadata and other photos may be a few percent off
-    return pose_covariance(pose.posed, match.pixels[rows], match.points[rows], focal_estimated=estimated)
 
 
 def _refined(

@@ -87,16 +87,17 @@ def solve_pose(
 
 
 def _ransac(pixels: F64, points: F64, matches: Matches, camera: Camera, source: FocalSource) -> SolvedPose | None:
-    options = pycolmap.AbsolutePoseEstimationOptions()
-    options.ransac.max_error = error_px(camera)
-    options.ransac.max_num_trials = _TRIALS
-    options.ransac.confidence = _CONFIDENCE
-    options.ransac.random_seed = 0
+    ransac = {"max_error": error_px(camera), "max_num_trials": _TRIALS, "confidence": _CONFIDENCE, "random_seed": 0}
+    options = pycolmap.AbsolutePoseEstimationOptions(ransac=ransac)
     answer = pycolmap.estimate_absolute_pose(pixels, points, colmap_camera(camera), options)
     if answer is None:
         return None
-    rows = np.flatnonzero(np.asarray(answer["inlier_mask"], bool)).astype(np.int64)
     posed = PosedCamera(camera, _world_from_camera(answer["cam_from_world"]))
+    return _with_inliers(posed, np.asarray(answer["inlier_mask"], bool), matches, source)
+
+
+def _with_inliers(posed: PosedCamera, inside: NDArray[np.bool_], matches: Matches, source: FocalSource) -> SolvedPose:
+    rows = np.flatnonzero(inside).astype(np.int64)
     return SolvedPose(posed, rows, len(np.unique(matches.keypoints[rows])), source)
 
 
@@ -109,11 +110,7 @@ def refine_pose(pixels: F64, points: F64, matches: Matches, start: SolvedPose) -
         pixels, points, matches: as for `solve_pose`.
         start: its focal length is refined, too, if it was estimated.
     """
-    options = pycolmap.AbsolutePoseRefinementOptions()
-    options.refine_focal_length = start.focal_source == "estimated"
-    options.refine_extra_params = False
-    options.print_summary = False
-    solved = start
+    options, solved = _refinement(focal=start.focal_source == "estimated"), start
     for _ in range(2):
         mask = np.zeros(len(matches), bool)
         mask[solved.inliers] = True
@@ -123,15 +120,18 @@ def refine_pose(pixels: F64, points: F64, matches: Matches, start: SolvedPose) -
         if answer is None:
             return None
         size = solved.posed.camera.width, solved.posed.camera.height
-        refined = pinhole(size, float(camera.params[0]))
-        pose = _world_from_camera(answer["cam_from_world"])
-        posed = PosedCamera(refined, pose)
-        inside = np.linalg.norm(reprojected(posed, points) - pixels, axis=1) < error_px(refined)
-        rows = np.flatnonzero(inside).astype(np.int64)
-        solved = SolvedPose(posed, rows, len(np.unique(matches.keypoints[rows])), start.focal_source)
+        posed = PosedCamera(pinhole(size, float(camera.params[0])), _world_from_camera(answer["cam_from_world"]))
+        inside = np.linalg.norm(reprojected(posed, points) - pixels, axis=1) < error_px(posed.camera)
+        solved = _with_inliers(posed, inside, matches, start.focal_source)
         if solved.keypoints < _FEWEST:
             return None
     return solved
+
+
+def _refinement(*, focal: bool, lens: bool = False) -> pycolmap.AbsolutePoseRefinementOptions:
+    return pycolmap.AbsolutePoseRefinementOptions(
+        refine_focal_length=focal, refine_extra_params=lens, print_summary=False
+    )
 
 
 def _world_from_camera(viewmat: Any) -> F64:
@@ -168,17 +168,9 @@ def radial_distortion(pixels: F64, points: F64, solved: SolvedPose, known: float
 def _with_lens(
     pixels: F64, points: F64, solved: SolvedPose, k1: float, *, focal: bool, lens: bool
 ) -> tuple[float, float]:
-    """Fits the pose for a lens; returns the inliers' median residual in pixels, and k₁.
-
-    Args:
-        focal, lens: whether the focal length and k₁ are fitted, too.
-    """
-    rows, before = solved.inliers, solved.posed.camera
-    camera = pycolmap.Camera(
-        model="SIMPLE_RADIAL", width=before.width, height=before.height, params=[before.fx, before.cx, before.cy, k1]
-    )
-    options = pycolmap.AbsolutePoseRefinementOptions()
-    options.refine_focal_length, options.refine_extra_params, options.print_summary = focal, lens, False
+    """Fits the pose, and `focal` length and `lens` if so; the inliers' median residual in pixels, and k₁."""
+    rows, camera = solved.inliers, colmap_camera(solved.posed.camera, k1)
+    options = _refinement(focal=focal, lens=lens)
     viewmat = pycolmap.Rigid3d(solved.posed.camera_from_world()[:3])
     mask = np.ones(len(rows), bool)
     answer = pycolmap.refine_absolute_pose(viewmat, pixels[rows], points[rows], mask, camera, options)
@@ -191,10 +183,7 @@ def _with_lens(
 
 def undistorted(pixels: F64, camera: Camera, k1: float) -> F64:
     """Removes the distortion k₁ from pixels [M, 2]; float64 [M, 2]."""
-    lens = pycolmap.Camera(
-        model="SIMPLE_RADIAL", width=camera.width, height=camera.height, params=[camera.fx, camera.cx, camera.cy, k1]
-    )
-    straight = np.asarray(lens.cam_from_img(pixels))
+    straight = np.asarray(colmap_camera(camera, k1).cam_from_img(pixels))
     return np.asarray(straight[:, :2] * camera.fx + [camera.cx, camera.cy])
 
 
@@ -203,11 +192,10 @@ def pinhole(size: tuple[int, int], focal: float) -> Camera:
     return Camera(size[0], size[1], focal, focal, size[0] / 2, size[1] / 2)
 
 
-def colmap_camera(camera: Camera) -> Any:
-    """Converts to pycolmap, whose pixel centers are at +0.5, too."""
-    return pycolmap.Camera(
-        model="SIMPLE_PINHOLE", width=camera.width, height=camera.height, params=[camera.fx, camera.cx, camera.cy]
-    )
+def colmap_camera(camera: Camera, *k1: float) -> Any:
+    """Converts to pycolmap, whose pixel centers are at +0.5, too; with distortion `k1` if there is any."""
+    model, params = "SIMPLE_RADIAL" if k1 else "SIMPLE_PINHOLE", [camera.fx, camera.cx, camera.cy, *k1]
+    return pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=params)
 
 
 def solve_jointly(
@@ -229,12 +217,8 @@ def solve_jointly(
     rows = np.concatenate([np.full(len(photo_matches), number) for number, photo_matches in enumerate(matches)])
     if len(rows) < _FEWEST:
         return (None,) * len(matches)
-    options = pycolmap.RANSACOptions()
-    options.max_error = _ROUGH * max(error_px(camera) for _, camera in cameras)
-    options.max_num_trials, options.min_num_trials = _TRIALS, 100
-    options.random_seed = 0
-    refinement = pycolmap.AbsolutePoseRefinementOptions()
-    refinement.refine_focal_length = refinement.refine_extra_params = refinement.print_summary = False
+    error = _ROUGH * max(error_px(camera) for _, camera in cameras)
+    options = pycolmap.RANSACOptions(max_error=error, max_num_trials=_TRIALS, min_num_trials=100, random_seed=0)
     answer = pycolmap.estimate_and_refine_generalized_absolute_pose(
         np.concatenate(pixels),
         np.concatenate(points),
@@ -242,7 +226,7 @@ def solve_jointly(
         [pycolmap.Rigid3d(np.linalg.inv(pose)[:3]) for pose in rough],
         [colmap_camera(camera) for _, camera in cameras],
         options,
-        refinement,
+        _refinement(focal=False),
     )
     if answer is None:
         return (None,) * len(matches)
@@ -252,8 +236,7 @@ def solve_jointly(
     for number, (source, camera) in enumerate(cameras):
         posed = PosedCamera(camera, world_from_rough @ rough[number])
         off = np.linalg.norm(reprojected(posed, points[number]) - pixels[number], axis=1)
-        near = np.flatnonzero(off < _ROUGH * error_px(camera)).astype(np.int64)
-        start = SolvedPose(posed, near, len(np.unique(matches[number].keypoints[near])), source)
+        start = _with_inliers(posed, off < _ROUGH * error_px(camera), matches[number], source)
         solution = (
             refine_pose(pixels[number], points[number], matches[number], start) if start.keypoints >= _FEWEST else None
         )
@@ -296,10 +279,7 @@ def shown_deviation(posed: PosedCamera, points: F64, covariance: F64) -> float:
 
 
 def _pose_jacobian(posed: PosedCamera, points: F64) -> tuple[F64, F64]:
-    """Jacobian of pixels, [N, 2, 6], and points in the camera's frame, [N, 3].
-
-    Columns as in `pose_covariance`; all points lie in front of the camera.
-    """
+    """Jacobian of pixels, [N, 2, 6], columns as in `pose_covariance`; points in the camera's frame, [N, 3]."""
     pose, camera = posed.world_from_camera, posed.camera
     away = points - pose[:3, 3]
     local = away @ pose[:3, :3]
@@ -310,13 +290,5 @@ def _pose_jacobian(posed: PosedCamera, points: F64) -> tuple[F64, F64]:
     moved = np.stack([across, down], axis=1)
     turn = pose[:3, :3].T
     # p = Rᵀ (X - t): by t it moves by -Rᵀ, by exp(ω) R about the world's axes by Rᵀ [X - t]ₓ.
-    by_rotation = np.einsum("ij,njk->nik", turn, _cross(away))
+    by_rotation = np.cross(turn, away[:, None])
     return np.concatenate([-moved @ turn, moved @ by_rotation], axis=2), local
-
-
-def _cross(vectors: F64) -> F64:
-    """Cross-product matrices [v]ₓ of vectors, [N, 3, 3]."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)

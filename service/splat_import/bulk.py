@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat_contract.errors import InvalidInputError
 
@@ -23,6 +25,12 @@ class Bulk:
     radius: float  # scene units, above 0
     core: NDArray[np.bool_]  # [G], within the radius
     weights: F64  # [G], opacities; 0 where hardly visible
+
+
+def uncoded_gaussians(splat: Path) -> Gaussians:
+    """Reads a capture's splat in the order of the user's file; without codes."""
+    rows = load_splat(splat)
+    return Gaussians(**vars(rows), codes=np.zeros((len(rows), 0), np.float32))
 
 
 def find_bulk(gaussians: Gaussians) -> Bulk:

@@ -9,16 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from fastsplat.service.capture.captures import Capture
-from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import posterior, seen_pixels
+from fastsplat.service.splat_import.bulk import uncoded_gaussians
 from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
-from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, splats_of
+from fastsplat.service.splatting.gaussians import color_parameters, splats_of
 from fastsplat.service.splatting.labels.label_refit import LabeledView, fit_codes
 from fastsplat.service.splatting.labels.semantics import (
     class_weights,
@@ -32,9 +31,9 @@ from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
-from fastsplat.service.splatting.training.quality import psnr
+from fastsplat.service.splatting.training.quality import mean_color, pictures, psnr
 from fastsplat.service.splatting.training_settings import TrainingSettings
-from fastsplat.service.splatting.training_views import TrainingView, drop_empty_label_maps, load_views, render_frame
+from fastsplat.service.splatting.training_views import TrainingView, drop_empty_label_maps, load_views
 from fastsplat_contract.errors import InvalidInputError
 
 _STAGE = "training"
@@ -42,13 +41,6 @@ _MEASURED_VIEWS = 8
 _LIFTED = 0.5  # share of the progress at which the evidence is complete
 _LOOKED_AT = 600_000
 """Limit on Gaussians times passes over the views; one pass is always allowed."""
-
-
-def splat_gaussians(capture: Capture) -> Gaussians:
-    """Reads the capture's splat in the order of the user's file; without codes."""
-    assert capture.splat is not None
-    rows = load_splat(capture.splat)
-    return Gaussians(**vars(rows), codes=np.zeros((len(rows), 0), np.float32))
 
 
 def lift_labels(
@@ -66,7 +58,8 @@ def lift_labels(
         InvalidInputError: the photos do not show the splat from their poses.
     """
     begun = time.monotonic()
-    gaussians = splat_gaussians(capture)
+    assert capture.splat is not None
+    gaussians = uncoded_gaussians(capture.splat)
     with one_torch_thread():
         progress(ProgressEvent(_STAGE, 0.0, f"loading {len(capture.views)} views"))
         views = load_views(capture, labelling, tuple(range(len(capture.views))), training.max_side, (1.0,))
@@ -86,12 +79,7 @@ def lift_labels(
         else:
             lifted, head = _with_codes(gaussians, views, evidence, labels + 1, undetected, training, settings, progress)
             stored_evidence = None
-            quality["ghost_share"] = ghost_share(
-                torch.from_numpy(lifted.codes),
-                activate_opacities(torch.from_numpy(lifted.logit_opacities)),
-                torch.from_numpy(head.weight),
-                torch.from_numpy(head.bias),
-            )
+            quality["ghost_share"] = ghost_share(lifted.codes, lifted.logit_opacities, head)
     quality["lifting_seconds"] = time.monotonic() - begun
     progress(ProgressEvent(_STAGE, 1.0, f"{labels} labels on {len(gaussians)} Gaussians"))
     return TrainedSplats(lifted, head, quality, (), stored_evidence)
@@ -142,25 +130,15 @@ def _with_codes(
 
 @torch.no_grad()
 def _check_fit(gaussians: Gaussians, views: Sequence[TrainingView], backend: Backend) -> dict[str, float]:
-    """Measures the mean PSNR (dB) of the splat's renderings against some photos.
-
-    Raises:
-        InvalidInputError: most renderings are worse than a photo's mean color: the poses are not of the splat's frame.
-    """
-    device = device_of(backend)
-    parameters = {name: value.to(device) for name, value in color_parameters(gaussians).items()}
-    splats = splats_of(parameters)
-    figures, worse = [], 0
+    """Mean PSNR (dB) of the splat over some photos; `InvalidInputError` if most are more like one color each."""
     used = [view for view in views if view.frames[-1].has_content]
     if not used:
         return {}
-    used = used[:: math.ceil(len(used) / _MEASURED_VIEWS)]
-    for view in used:
-        frame, target = view.frames[-1], view.frames[-1].target()
-        image = render_frame(parameters, splats, view, frame, degree=gaussians.sh_degree, backend=backend).image
-        pixels: Tensor = target.reshape(-1, 3) if frame.valid is None else target[frame.valid]
-        figures.append(psnr(image, target, frame.valid))
-        worse += figures[-1] < psnr(pixels.mean(dim=0).expand_as(target), target, frame.valid)
+    figures, worse = [], 0
+    parameters = color_parameters(gaussians, device_of(backend))
+    for _, image, target, valid in pictures(parameters, used[:: math.ceil(len(used) / _MEASURED_VIEWS)], backend):
+        figures.append(psnr(image, target, valid))
+        worse += figures[-1] < psnr(mean_color(target, valid), target, valid)
     mean = float(np.mean([min(figure, 99.0) for figure in figures]))
     if 2 * worse > len(figures):
         raise InvalidInputError(

@@ -15,11 +15,11 @@ from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.capture.formats.capture_files import load_capture, save_capture
 from fastsplat.service.capture.formats.image_io import save_rgb
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
-from fastsplat.service.capture.uploads.splat_input import load_splat, take_splat
+from fastsplat.service.capture.uploads.splat_input import take_splat
 from fastsplat.service.common.files import atomic_directory
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene.artefact.scene import Gaussians
-from fastsplat.service.splat_import.bulk import find_bulk
+from fastsplat.service.splat_import.bulk import find_bulk, uncoded_gaussians
 from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
 from fastsplat.service.splat_import.viewpoints import axis_vector, choose_viewpoints, estimate_up, trial_camera
 from fastsplat.service.splatting.gaussians import splats_of
@@ -54,8 +54,7 @@ def render_views(
     manifest, files = read_manifest(validated_dir)
     with atomic_directory(out_dir) as partial:
         splat = take_splat(files.parent, partial)
-        rows = load_splat(splat)
-        gaussians = Gaussians(**vars(rows), codes=np.zeros((len(rows), 0), np.float32))
+        gaussians = uncoded_gaussians(splat)
         bulk = find_bulk(gaussians)
         upward = axis_vector(up) if up is not None else estimate_up(gaussians, bulk)
 

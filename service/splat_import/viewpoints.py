@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splat_import.bulk import F64, Bulk, quantiles
@@ -41,7 +42,6 @@ OnTrial = Callable[[int, int], None]
 
 _SAMPLE = 100_000
 _DIRECTIONS = 1_500
-_ALIGNED = float(np.cos(np.radians(10)))
 _ALIGNED = float(np.cos(np.radians(20)))
 _FLAT = 0.5
 _LARGE_SHARE = 0.95
@@ -261,12 +261,5 @@ def _densest(heights: F64, weights: F64) -> float:
 
 def _normals(gaussians: Gaussians, rows: NDArray[np.intp]) -> F64:
     """Shortest axis of each Gaussian in the world, float64 [K, 3]."""
-    w, x, y, z = (gaussians.quats[rows] / np.linalg.norm(gaussians.quats[rows], axis=1, keepdims=True)).T.astype(float)
-    columns = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
-        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
-        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
-    )
-    axes = np.stack([np.stack(column, axis=1) for column in columns], axis=1)
-    shortest = gaussians.log_scales[rows].argmin(axis=1)
-    return np.asarray(axes[np.arange(len(rows)), shortest])
+    shortest = np.eye(3)[gaussians.log_scales[rows].argmin(axis=1)]
+    return np.asarray(Rotation.from_quat(gaussians.quats[rows].astype(float), scalar_first=True).apply(shortest))

@@ -50,11 +50,11 @@ def splats_of(
     )
 
 
-def color_parameters(gaussians: Gaussians) -> dict[str, Tensor]:
-    """Returns a scene's color and geometry named as in `SplatState.parameters`; means share memory."""
+def color_parameters(gaussians: Gaussians, device: torch.device | None = None) -> dict[str, Tensor]:
+    """Returns a scene's color and geometry named as in `SplatState.parameters`; on the CPU means share memory."""
     colors = {"sh_dc": gaussians.sh[:, :1].copy(), "sh_rest": gaussians.sh[:, 1:].copy()}
     shapes = {name: getattr(gaussians, name) for name in _SHAPES}
-    return {name: torch.from_numpy(array) for name, array in (shapes | colors).items()}
+    return {name: torch.from_numpy(array).to(device) for name, array in (shapes | colors).items()}
 
 
 def current_gaussians(parameters: Mapping[str, Tensor]) -> Gaussians:

@@ -9,6 +9,9 @@ from torch.optim.adam import adam
 from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat_contract.errors import InvalidInputError
 
+_BETA1, _BETA2 = 0.9, 0.999
+_EPS = 1e-15  # added to the root of `exp_avg_sq`
+
 
 @torch.no_grad()
 def adam_update(
@@ -19,8 +22,6 @@ def adam_update(
     *,
     lr: float,
     step: int,
-    betas: tuple[float, float] = (0.9, 0.999),
-    eps: float = 1e-15,
     backend: Backend = "cpu",
 ) -> None:
     """Performs one in-place Adam step (Kingma & Ba 2015), as `torch.optim.Adam`.
@@ -30,7 +31,6 @@ def adam_update(
 
     Args:
         step: from 1.
-        eps: added to the root of `exp_avg_sq`.
         backend: `cpu` uses the C++ kernel, the others torch on the tensors' device.
 
     Raises:
@@ -51,10 +51,10 @@ def adam_update(
         before = torch.full((), float(step - 1), device=param.device)
         adam(
             [param], [grad], [exp_avg], [exp_avg_sq], [], [before], fused=True,
-            amsgrad=False, beta1=betas[0], beta2=betas[1], lr=lr, weight_decay=0.0, eps=eps, maximize=False,
+            amsgrad=False, beta1=_BETA1, beta2=_BETA2, lr=lr, weight_decay=0.0, eps=_EPS, maximize=False,
         )  # fmt: skip
         return
     from fastsplat.service.splatting.raster.kernels import arrays, kernels, running
 
     given = arrays(param=param, grad=grad.contiguous(), exp_avg=exp_avg, exp_avg_sq=exp_avg_sq)
-    kernels.adam(**given, lr=lr, beta1=betas[0], beta2=betas[1], eps=eps, step=step, **running())
+    kernels.adam(**given, lr=lr, beta1=_BETA1, beta2=_BETA2, eps=_EPS, step=step, **running())

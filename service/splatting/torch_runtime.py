@@ -6,8 +6,6 @@ import ctypes
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
-from typing import Any
 
 import torch
 
@@ -28,11 +26,5 @@ def one_torch_thread() -> Iterator[None]:
 
 def release_free_memory() -> None:
     """Returns free C heap pages to the system, which glibc otherwise keeps."""
-    trim = _malloc_trim()
-    if trim is not None:
+    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None:
         trim(0)
-
-
-@cache
-def _malloc_trim() -> Any:
-    return getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None

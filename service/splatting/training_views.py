@@ -98,7 +98,8 @@ def load_views(
     Raises:
         InvalidInputError: an image, mask or label map differs in size from its camera.
     """
-    return tuple(_load_view(capture.views[index], _label_map(labelling, index), max_side, scales) for index in indices)
+    maps = labelling.label_maps if len(labelling.dictionary) else ()
+    return tuple(_load_view(capture.views[i], maps[i] if maps else None, max_side, scales) for i in indices)
 
 
 def drop_empty_label_maps(views: Sequence[TrainingView]) -> tuple[TrainingView, ...]:
@@ -117,10 +118,6 @@ def training_size(camera: Camera, max_side: int, scale: float = 1.0) -> Camera:
     if factor == 1.0:
         return camera
     return camera.scaled_to(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))
-
-
-def _label_map(labelling: Labelling, index: int) -> NDArray[np.uint16] | None:
-    return labelling.label_maps[index] if len(labelling.dictionary) and labelling.label_maps else None
 
 
 def _load_view(

@@ -171,7 +171,7 @@ def test_views_that_are_mostly_unsure_of_an_object_say_nothing_of_it(empty: Rend
 
 def test_what_is_set_aside_of_no_object_is_the_surface_in_its_box(empty: Renderer, with_block: Renderer) -> None:
     views = _later(with_block, empty, _photos(empty))
-    lost = Lost(0, _box(_AT) + np.array([[-0.02], [0.02]]), (0,), (), 1.0, 0.5)
+    lost = Lost(_box(_AT) + np.array([[-0.02], [0.02]]), (0,), (), 1.0, 0, 0.5)
     for view, aside in zip(views, pixels_of(views, [lost]), strict=True):
         block = view.objects == _BLOCK
         assert (aside & block).sum() > 0.9 * (aside | block).sum()
@@ -226,7 +226,7 @@ def test_a_piece_that_touches_what_is_lost_is_a_part_of_it() -> None:
     pixels = np.zeros((3, 40, 40), np.bool_)
     pixels[0, 5:15, 5:15], pixels[1, 5:15, 18:25], pixels[2, 30:35, 30:35] = True, True, True
     obj, beside, elsewhere = (
-        Lost(number, _box(_AT), (0, 1), (mask, mask), 0.9, 0.5)
+        Lost(_box(_AT), (0, 1), (mask, mask), 0.9, number, 0.5)
         for number, mask in zip((_BLOCK, 0, 0), pixels, strict=True)
     )
     assert whole([obj, beside, elsewhere]) == [obj, elsewhere]

@@ -20,7 +20,6 @@ import signal
 import time
 from collections.abc import Mapping
 
-from fastsplat.service.store.rows.records import WorkerRecord
 from fastsplat.service.store.store import Store
 from fastsplat.workers.engine.process_group import machine_id, process_state
 
@@ -83,8 +82,13 @@ def kill_suspended_workers(store: Store, executor_id: str, observer: Observer, t
     for worker in workers:
         if worker.executor_id == executor_id or worker.host != host or worker.executor_id not in stalled:
             continue
-        if process_state(worker.pid, worker.started_at) == "T":
-            _kill(worker)
+        if process_state(worker.pid, worker.started_at) != "T":
+            continue
+        try:
+            os.kill(worker.pid, signal.SIGKILL)
+            logger.warning("worker %s was stopped and without a heartbeat, and has been killed", worker.executor_id)
+        except OSError as error:
+            logger.warning("worker %s is stopped and cannot be killed: %s", worker.executor_id, error.strerror)
 
 
 def prune_stalled_workers(
@@ -119,14 +123,6 @@ def prune_stalled_workers(
     for worker in workers:
         if worker.executor_id in dead and worker.executor_id not in busy:
             store.workers.unregister(worker.executor_id)
-
-
-def _kill(worker: WorkerRecord) -> None:
-    try:
-        os.kill(worker.pid, signal.SIGKILL)
-        logger.warning("worker %s was stopped and without a heartbeat, and has been killed", worker.executor_id)
-    except OSError as error:
-        logger.warning("worker %s is stopped and cannot be killed: %s", worker.executor_id, error.strerror)
 
 
 def _seconds() -> float:

@@ -25,7 +25,7 @@ from fastsplat.service.store.queue.claims import Claim, FencedError, JobRequest
 from fastsplat.service.store.store import Store
 from fastsplat.workers.job.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
 from fastsplat.workers.job.protocol import Done, Event, Failed, Job, read_event
-from fastsplat.workers.job.results import DISK_FULL, disk_full_error, error_to_json
+from fastsplat.workers.job.results import DISK_FULL, disk_full_error, error_to_json, log_name
 from fastsplat.workers.kinds.job_kinds import JobKind
 from fastsplat_contract.errors import (
     ConflictError,
@@ -109,7 +109,7 @@ class Supervisor:
         )
         stages = self._kind.stages
         last_stage = next((stage for stage in stages if not (self._job.folder / stage).is_dir()), stages[-1])
-        return error_to_json(error, last_stage, log=self._log_name())
+        return error_to_json(error, last_stage, log=log_name(self._job.id))
 
     def run_stage(self, stage: str) -> JobOutcome:
         """Has the trainer finish a stage; raises as `run`."""
@@ -117,7 +117,9 @@ class Supervisor:
             try:
                 trainer = self._trainer or self._start_trainer()
             except OSError as error:
-                return failed(_cannot_start(error, stage))
+                problem = f"the trainer cannot be started: {error.strerror}"
+                hint = "Free disk space and memory on the server, then retry the operation."
+                return failed(error_to_json(ResourceError(problem, field="data_dir", hint=hint), stage))
             except PermissionDeniedError as error:
                 return failed(error_to_json(error, stage))
             except (NotFoundError, NotReadyError) as error:  # the finished scene is gone
@@ -197,7 +199,7 @@ class Supervisor:
                 limit=_start_limit(limit),
                 hint="Use fewer or smaller images or a smaller budget of Gaussians, or a machine with more memory.",
             )
-            return failed(error_to_json(error, stage, log=self._log_name()))
+            return failed(error_to_json(error, stage, log=log_name(self._job.id)))
         if self._job.is_cancelled():
             return CANCELLED
         self._job.claim_again()
@@ -214,10 +216,7 @@ class Supervisor:
             self._job.note_completed(self._progress.rows, starts)
 
     def _requests(self, *, report: bool, completed: bool) -> frozenset[JobRequest]:
-        """Polls requests at intervals; writes progress if due or if `report`.
-
-        A `completed` stage, or progress beyond all earlier attempts, resets the start count.
-        """
+        """Polls requests; writes progress if due. A `completed` stage or progress resets the start count."""
         completed = completed or (self._progress.advanced and self._job.starts > 1)
         jobs, now = self._settings.jobs, time.monotonic()
         if report or now - self._written_at >= jobs.progress_interval_s:
@@ -263,9 +262,6 @@ class Supervisor:
                 return outcome
         raise AssertionError
 
-    def _log_name(self) -> str:
-        return f"logs/{self._job.id}.log"
-
 
 class _StageRows:
     """Progress rows of a job's stages, as stored with the operation."""
@@ -291,13 +287,11 @@ class _StageRows:
     def complete(self, stage: str) -> None:
         self._row(stage).update(fraction=1.0, message=_DONE)
 
-    def update(self, event: Event) -> bool:
+    def update(self, event: ProgressEvent | Done) -> bool:
         """Applies a trainer's event; returns True if it newly completes a stage."""
-        if isinstance(event, Failed):
-            return False
-        new = isinstance(event, Done) and not self.is_complete(event.stage)
         row = self._row(event.stage)
         if isinstance(event, Done):
+            new = not self.is_complete(event.stage)
             self.done.add(event.stage)
             self.complete(event.stage)
             if event.seconds:
@@ -319,15 +313,6 @@ class _StageRows:
 
 def _start_limit(limit: int) -> str:
     return f"{limit} starts of one stage ({environment_variable(JobSettings, 'max_starts')})"
-
-
-def _cannot_start(error: OSError, stage: str) -> Mapping[str, Any]:
-    problem = ResourceError(
-        f"the trainer cannot be started: {error.strerror}",
-        field="data_dir",
-        hint="Free disk space and memory on the server, then retry the operation.",
-    )
-    return error_to_json(problem, stage)
 
 
 class TrainerProcess:

@@ -71,10 +71,7 @@ def _run(job: Job, run: str, send: Callable[[Event], None]) -> int:
 
 
 def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]:
-    """Forwards ten events a second, plus those with files or at a stage's ends.
-
-    Metrics of dropped events are merged into the next.
-    """
+    """Forwards ten events a second, those with files or at a stage's ends, and all metrics."""
     sent_at, sent_stage = 0.0, ""
     metrics: dict[str, float] = {}
 

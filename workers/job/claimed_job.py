@@ -139,10 +139,9 @@ class ClaimedJob:
         except ObjectStoreError as error:
             logger.warning("job %s: a %s is not shown: %s", self.id, kind, error.message)
             return
-        number = 1 if before is None else before["info"]["number"] + 1
         if before is not None:
             self._older_files[kind] = before["file"]
-        self._progress_files[kind] = {"file": entry["file"], "info": {**entry["info"], "number": number}}
+        self._note_file(kind, entry["file"], entry["info"])
 
     def publish_draft(self, entry: Mapping[str, Any]) -> None:
         """Publishes a draft as the current version, or skips it, without retry."""
@@ -159,10 +158,8 @@ class ClaimedJob:
                 self._drop_published(name)
             return
         self._drafted = True
-        before = self._progress_files.get("draft")
         version = scene.carried[-1].version if scene.carried else name
-        info = {**entry["info"], "version": version, "number": 1 if before is None else before["info"]["number"] + 1}
-        self._progress_files["draft"] = {"file": name, "info": info}
+        self._note_file("draft", name, {**entry["info"], "version": version})
 
     def note_edits(self) -> None:
         """Tells the trainer about edits of the newest draft, without retry."""
@@ -245,7 +242,10 @@ class ClaimedJob:
             ConflictError: a draft was edited meanwhile.
             OSError: the disk is full.
         """
-        scene = self._stage_scene(stage)
+        scene = self._published(self.folder / stage, self.run_id, check=True)
+        folder = self._version_or(self.run_id, self.folder / stage)
+        self._blobs.check_version(folder, SUMMARY, "stage.json")
+        scene.summary.quality["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
         more: Mapping[str, Any] = {"edited": scene.edited, "result": scene.result, "follow": follow}
         self._drop_versions(self._jobs.succeed(self.claim, scene.summary, scene.carried, **more))
 
@@ -293,12 +293,9 @@ class ClaimedJob:
             elif deleted or outcome.state != "done":  # only what this job made
                 self._blobs.drop_version(self.scene_id, self.run_id)
 
-    def _stage_scene(self, stage: str) -> MadeScene:
-        scene = self._published(self.folder / stage, self.run_id, check=True)
-        folder = self._version_or(self.run_id, self.folder / stage)
-        self._blobs.check_version(folder, SUMMARY, "stage.json")
-        scene.summary.quality["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
-        return scene
+    def _note_file(self, kind: str, file: str, info: Mapping[str, Any]) -> None:
+        number = self._progress_files[kind]["info"]["number"] + 1 if kind in self._progress_files else 1
+        self._progress_files[kind] = {"file": file, "info": {**info, "number": number}}
 
     def _published(self, folder: Path, version: str, *, check: bool = False) -> MadeScene:
         """Publishes a scene's folders and edits; with `check` raises `ConflictError` after edits."""

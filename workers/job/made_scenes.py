@@ -7,12 +7,12 @@ The supervisor lists the edits in the work folder's `EDITS`, as the trainer has 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from fastsplat.service.common.files import atomic_file
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.repositories.version_repository import NewVersion, VersionRecord
 from fastsplat.service.store.rows.records import SceneSummary
@@ -62,9 +62,8 @@ def edited_draft(records: Sequence[VersionRecord], find: Callable[[str], Path]) 
 
 def write_edited(edited: EditedDraft | None, path: Path) -> None:
     """Writes the edits for the trainer, atomically."""
-    unfinished = path.with_suffix(".part")
-    unfinished.write_text(json.dumps(None if edited is None else asdict(edited)))
-    os.replace(unfinished, path)
+    with atomic_file(path) as unfinished:
+        unfinished.write_text(json.dumps(None if edited is None else asdict(edited)))
 
 
 def read_edited(path: Path) -> EditedDraft | None:
@@ -99,8 +98,7 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
     from fastsplat.service.scene.artefact.scene_files import read_scene
 
     values = json.loads((folder / SUMMARY).read_text())
-    of_scene = {name: values[name] for name in _OF_SCENE}
-    summary = SceneSummary(version=version, **of_scene)
+    summary = SceneSummary(version=version, **{name: values[name] for name in _OF_SCENE})
     carried: list[NewVersion] = []
     rows = values.get("carried", ())
     before = read_scene(folder / "artefact").objects if rows else None

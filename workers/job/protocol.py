@@ -41,38 +41,19 @@ class Job:
     def to_line(self, run: str, *, asks_captioner: bool = False) -> bytes:
         """Encodes the trainer's first input line, without database credentials."""
         secret = {"database_url", "database_password", *(() if asks_captioner else ("captioner",))}
-        spec = {
-            "operation_id": self.operation_id,
-            "attempt": self.attempt,
-            "upload": str(self.upload),
-            "folder": str(self.folder),
-            "options": to_plain(self.options),
-            "settings": self.settings.model_dump(mode="json", exclude=secret),
-            "stages": self.stages,
-            "order": dict(self.order),
-            "version": self.version,
-            "exclude": self.exclude,
-            "run": run,
-        }
-        return json.dumps(spec).encode() + b"\n"
+        settings = self.settings.model_dump(mode="json", exclude=secret)
+        spec = {**vars(self), "options": to_plain(self.options), "settings": settings, "order": dict(self.order)}
+        return json.dumps({**spec, "run": run}, default=str).encode() + b"\n"
 
 
 def read_job(line: bytes) -> tuple[Job, str]:
     """Decodes `Job.to_line`; returns also `run`."""
     spec = json.loads(line)
-    job = Job(
-        operation_id=spec["operation_id"],
-        attempt=spec["attempt"],
-        upload=Path(spec["upload"]),
-        folder=Path(spec["folder"]),
-        options=from_plain(SceneOptions, spec["options"]),
-        settings=Settings(**spec["settings"]),
-        stages=tuple(spec["stages"]),
-        order=spec["order"],
-        version=spec["version"],
-        exclude=tuple(spec["exclude"]),
-    )
-    return job, spec["run"]
+    run = spec.pop("run")
+    options, settings = from_plain(SceneOptions, spec.pop("options")), Settings(**spec.pop("settings"))
+    paths: dict[str, Any] = {name: Path(spec.pop(name)) for name in ("upload", "folder")}
+    lists: dict[str, Any] = {name: tuple(spec.pop(name)) for name in ("stages", "exclude")}
+    return Job(**spec, **paths, **lists, options=options, settings=settings), run
 
 
 Stage = Callable[[Job, Path, Progress], None]

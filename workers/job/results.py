@@ -117,7 +117,10 @@ def operation_error(error: Exception, stage: str, job: Job) -> dict[str, Any]:
     if isinstance(error, FastSplatError):
         return {**error_to_json(error, stage), "photos": _blamed_photos(error.field, job)}
     message = f"{type(error).__name__}: {error}"[:500]
-    details = {"hint": "This is a defect of the server; its operator finds the trace in the log.", "log": _log(job)}
+    details = {
+        "hint": "This is a defect of the server; its operator finds the trace in the log.",
+        "log": log_name(job.operation_id),
+    }
     return {
         "kind": Kind.INTERNAL.value, "reason": "INTERNAL", "message": message, "stage": stage, "details": details
     }  # fmt: skip
@@ -154,5 +157,6 @@ def _blamed_photos(field: str, job: Job) -> list[str]:
     return [name for photo, name in photos if field in (name, photo.path, manifest.label_maps.get(photo.path))]
 
 
-def _log(job: Job) -> str:
-    return f"logs/{job.operation_id}.log"
+def log_name(operation_id: str) -> str:
+    """Returns the name of a job's log in the data folder."""
+    return f"logs/{operation_id}.log"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import secrets
 import shutil
 import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
@@ -23,7 +23,7 @@ from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.scene_photos import share_photos, write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
-from fastsplat.service.common.files import link_or_copy
+from fastsplat.service.common.files import atomic_file, link_or_copy
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.jobs.create_scene import assemble_scene, build_views, label_views, train_scene
 from fastsplat.service.jobs.drafts import DraftVersion, carry_edits, first_draft, training_draft
@@ -147,7 +147,8 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     report = with_time_left(progress, "training", known)
     files = ProgressFiles(job, "training", with_tradeoffs(report, _tradeoffs(job)))
     settings = job.settings.model_copy(update={"training": plan.settings})
-    drafts, views = Drafts(job, files), early_views(capture, labelling)
+    drafts, first = Drafts(job, files), [number for number, masks in enumerate(labelling.masks) if masks is not None]
+    views = covering_order(capture, first or range(len(capture.views)))[:EARLY_VIEWS]  # those masked first
 
     def draft(splats: TrainedSplats, share: float) -> None:
         provisional = Provisional("training", round(share, 3))
@@ -200,9 +201,8 @@ def _job_speed(job: Job) -> Speed:
     if path.exists():
         return Speed(**json.loads(path.read_text()))
     speed = machine_speed(job.settings.training.backend)
-    part = job.folder / f"speed.json.{job.attempt}.part"
-    part.write_text(json.dumps(asdict(speed)))
-    os.replace(part, path)
+    with atomic_file(path) as part:
+        part.write_text(json.dumps(asdict(speed)))
     return speed
 
 
@@ -253,27 +253,21 @@ def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
 
 def _store(job: Job, plan: StagePlan[TrainingSettings]) -> None:
     """Write the plan unless another attempt was faster; whole or not at all."""
-    part = job.folder / f"{_PLAN}.{job.attempt}.part"
-    part.write_text(json.dumps({"settings": plan.settings.model_dump(mode="json"), "tradeoffs": plan.tradeoffs}))
-    try:
-        os.link(part, job.folder / _PLAN)
-    except FileExistsError:
-        pass
-    finally:
-        part.unlink()
-
-
-def early_views(capture: Capture, labelling: Labelling) -> Sequence[int]:
-    """Selects the views used for drafts: those masked first."""
-    looked_at = [number for number, masks in enumerate(labelling.masks) if masks is not None]
-    return covering_order(capture, looked_at or range(len(capture.views)))[:EARLY_VIEWS]
+    with suppress(FileExistsError), atomic_file(job.folder / _PLAN, replace=False) as part:
+        part.write_text(json.dumps({"settings": plan.settings.model_dump(mode="json"), "tradeoffs": plan.tradeoffs}))
 
 
 def write_made(scene: Scene, folder: Path) -> None:
     """Writes a scene for publication, without photos."""
     write_scene(scene, folder / "artefact")
     write_ply(scene.gaussians, folder / "scene.ply")
-    (folder / SUMMARY).write_text(json.dumps(_summary(scene)))
+    summary = {
+        **content_of(scene),
+        "scale": scene.scale,
+        "cameras": [camera_to_json(posed) for posed in scene.cameras],
+        "quality": scene.facts.with_quality(scene.quality),
+    }
+    (folder / SUMMARY).write_text(json.dumps(summary))
 
 
 def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
@@ -321,16 +315,13 @@ def export_made(job: Job, folder: Path, assemble: Callable[[], None]) -> None:
     """
     spare = job.folder / f"{folder.name.partition('.')[0]}{SPARE_SUFFIX}"
     if spare.is_dir():
-        shutil.copytree(spare, folder, copy_function=link_or_copy, ignore=_stage_files, dirs_exist_ok=True)
+        later = shutil.ignore_patterns(CARRIED, SUMMARY, *RESULT_FILES)
+        shutil.copytree(spare, folder, copy_function=link_or_copy, ignore=later, dirs_exist_ok=True)
         (folder / SUMMARY).write_bytes((spare / SUMMARY).read_bytes())  # a copy, because links must not be written to
     else:
         assemble()
     if (job.folder / EDITS).exists():
         carry_into(job, read_scene(folder / "artefact"), folder)
-
-
-def _stage_files(folder: str, names: list[str]) -> list[str]:
-    return [name for name in names if name in (CARRIED, SUMMARY, *RESULT_FILES)]
 
 
 class Drafts:
@@ -341,6 +332,7 @@ class Drafts:
         self._numbers = itertools.count(1)
 
     def publish(self, stage: str, make: Callable[[], Scene]) -> None:
+        """Writes and announces the draft that `make` returns; `CancelledError` alone ends the stage."""
         job = self._job
         name = f"{job.folder.name}-{stage}-{job.attempt}-{next(self._numbers)}"
         folder = job.folder / DRAFTS / f".{name}"
@@ -361,12 +353,3 @@ class Drafts:
             return
         assert scene.facts.draft is not None
         self._files.draft(name, scene.facts.draft)
-
-
-def _summary(scene: Scene) -> dict[str, Any]:
-    return {
-        **content_of(scene),
-        "scale": scene.scale,
-        "cameras": [camera_to_json(posed) for posed in scene.cameras],
-        "quality": scene.facts.with_quality(scene.quality),
-    }

@@ -6,20 +6,12 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from fastsplat.service.store.queue.ordered_jobs import order_job
 from fastsplat.workers.job.claimed_job import ClaimedJob
 from fastsplat_contract.codec.json_codec import from_plain, to_plain
 from fastsplat_contract.jobs.operations import OperationKind
 from fastsplat_contract.messages.scenes import Edit
-
-
-class Sources(NamedTuple):
-    """Inputs of a job on this machine."""
-
-    folder: Path  # of the validated upload, or of the finished scene's current version
-    version: str = ""  # of a finished scene
 
 
 @dataclass(frozen=True)
@@ -33,18 +25,11 @@ class JobKind:
     """
 
     stages: tuple[str, ...]  # in order
-    sources: Callable[[ClaimedJob], Sources]  # raises `NotFoundError`
+    # Folder of the validated upload, or of the finished scene's current version, and that version; `NotFoundError`.
+    sources: Callable[[ClaimedJob], tuple[Path, str]]
     run: str  # "module:name" of `Stage` functions by stage, imported only by trainers
     publish: Callable[[ClaimedJob, str], None]
     asks_captioner: bool = False  # pass captioner settings to trainers, given consent
-
-
-def _upload(job: ClaimedJob) -> Sources:
-    return Sources(job.upload())
-
-
-def _current_version(job: ClaimedJob) -> Sources:
-    return Sources(*job.current_version())
 
 
 def _publish_scene(job: ClaimedJob, stage: str) -> None:
@@ -86,19 +71,19 @@ def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
 KINDS: Mapping[OperationKind, JobKind] = {
     "create_scene": JobKind(
         stages=("capture", "perception", "training", "export"),
-        sources=_upload,
+        sources=lambda job: (job.upload(), ""),
         run="fastsplat.workers.kinds.create_scene:STAGES",
         publish=_publish_scene,
     ),
     "look_again": JobKind(
         stages=("looking", "naming"),
-        sources=_current_version,
+        sources=ClaimedJob.current_version,
         run="fastsplat.workers.kinds.naming:LOOK_AGAIN",
         publish=_publish_version,
     ),
     "ask_captioner": JobKind(
         stages=("asking", "suggesting"),
-        sources=_current_version,
+        sources=ClaimedJob.current_version,
         run="fastsplat.workers.kinds.naming:ASK_CAPTIONER",
         publish=_publish_suggestions,
         asks_captioner=True,

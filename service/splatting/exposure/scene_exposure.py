@@ -44,9 +44,10 @@ def display_ev(
         corrections: [V, 3] exposure, red, blue of each photo in EV (`photometric`).
     """
     samples = []
+    degree, splats = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1, splats_of(parameters)
     for view, correction in zip(views, corrections, strict=True):
-        frame = view.frames[0]
-        rendering, target = _render(parameters, view, frame, backend), frame.target()
+        frame, target = view.frames[0], view.frames[0].target()
+        rendering = render_frame(parameters, splats, view, frame, degree=degree, backend=backend)
         both = torch.minimum(rendering.image, correct(target, -correction)).amax(dim=2)
         samples.append(both[_measured(rendering, target, frame)])
     values = torch.cat(samples)
@@ -79,17 +80,8 @@ def scene_exposure(
     gaussians: Gaussians, views: Sequence[TrainingView], corrections: Tensor, backend: Backend
 ) -> tuple[Gaussians, float]:
     """A finished scene with the exposure that it is shown with, and the EV by which that is below the photos' mean."""
-    ev = display_ev(_parameters(gaussians, device_of(backend)), views, corrections, backend)
+    ev = display_ev(color_parameters(gaussians, device_of(backend)), views, corrections, backend)
     return exposed(gaussians, torch.tensor([ev, 0.0, 0.0])), ev
-
-
-def _parameters(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:
-    return {name: value.to(device) for name, value in color_parameters(gaussians).items()}
-
-
-def _render(parameters: Mapping[str, Tensor], view: TrainingView, frame: Frame, backend: Backend) -> Rendering:
-    degree = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1
-    return render_frame(parameters, splats_of(parameters), view, frame, degree=degree, backend=backend)
 
 
 def _measured(rendering: Rendering, target: Tensor, frame: Frame) -> Tensor:

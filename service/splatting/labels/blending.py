@@ -46,12 +46,10 @@ def label_blend(scene: Scene, device: torch.device, before: LabelBlend | None = 
 
 
 @torch.no_grad()
-def object_map(
-    scene: Scene, posed: PosedCamera, *, alpha_min: float = 0.5, backend: Backend = "cpu"
-) -> NDArray[np.int32]:
+def object_map(scene: Scene, posed: PosedCamera, *, backend: Backend = "cpu") -> NDArray[np.int32]:
     """Renders the most probable object id of each pixel, int32 [H, W], by `objects_blend`.
 
-    0 means no object, or alpha below `alpha_min`.
+    0 means no object, or alpha below 0.5.
 
     Raises:
         InvalidInputError: a scene without objects.
@@ -62,7 +60,7 @@ def object_map(
     blend = objects_blend(scene.objects, scene.gaussians.codes, device)
     viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32)).to(device)
     splats = splats_of(scene.gaussians, device=device)
-    drawn = blend.render(splats, viewmat, posed.camera, alpha_min=alpha_min, relevancy=None, backend=backend)
+    drawn = blend.render(splats, viewmat, posed.camera, alpha_min=0.5, relevancy=None, backend=backend)
     return np.asarray(drawn.classes.cpu().numpy(), np.int32)
 
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.common.dictionary import UNDETECTED
+from fastsplat.service.scene.artefact.scene import SemanticHead
+from fastsplat.service.splatting.gaussians import activate_opacities
 from fastsplat.service.splatting.initial import F32, project
 from fastsplat.service.splatting.losses.functional import semantic_loss
 from fastsplat.service.splatting.training_views import TrainingView
@@ -117,11 +119,13 @@ def label_loss(
     return semantic_loss(codes, weight, bias, labels, class_weights)
 
 
-def ghost_share(codes: Tensor, opacities: Tensor, weight: Tensor, bias: Tensor) -> float:
-    """Share of label pairs between whose mean codes a third class wins, 0..1.
+def ghost_share(stored_codes: F32, logit_opacities: F32, head: SemanticHead) -> float:
+    """Share of label pairs between whose mean codes, weighted by opacity, a third class wins, 0..1.
 
     Tests at most 2,000 pairs of present labels; 0 with fewer than 2 labels.
     """
+    codes, weight, bias = (torch.from_numpy(array) for array in (stored_codes, head.weight, head.bias))
+    opacities = activate_opacities(torch.from_numpy(logit_opacities))
     logits = codes @ weight.T + bias
     label = logits.argmax(dim=1)
     mass = torch.zeros(len(bias)).index_add_(0, label, opacities)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -15,15 +16,22 @@ _CHUNK = 1 << 22
 _LABELS = 16
 
 
-def label_map(
-    rendering: Rendering, weight: Tensor, bias: Tensor, alpha_min: float, relevancy: Tensor | None
-) -> LabelMap:
+class Head(NamedTuple):
+    """What codes are classified with, see `rendering.label_map`."""
+
+    weight: Tensor
+    bias: Tensor
+    relevancy: Tensor | None
+    alpha_min: float
+
+
+def label_map(rendering: Rendering, head: Head) -> LabelMap:
     """Classifies a rendering whose last D channels are codes, in its dtype."""
     height, width, channels = rendering.image.shape
-    first = channels - weight.shape[1]
+    first = channels - head.weight.shape[1]
     codes = rendering.image[..., first:].reshape(height * width, -1)
-    weight, bias = weight.to(codes), bias.to(codes)
-    values = None if relevancy is None else relevancy.to(codes)
+    weight, bias = head.weight.to(codes), head.bias.to(codes)
+    values = None if head.relevancy is None else head.relevancy.to(codes)
     classes = torch.zeros(len(codes), dtype=torch.int32, device=codes.device)
     expected = torch.zeros(len(codes), dtype=codes.dtype, device=codes.device)
     columns = max(1, _CHUNK // len(bias))
@@ -37,8 +45,8 @@ def label_map(
         if values is not None:
             shares = logits.sub_(best).exp_()
             expected[piece] = (values @ shares) / shares.sum(dim=0)
-    class_map = torch.where(rendering.alpha >= alpha_min, classes.reshape(height, width), 0)
-    found = None if relevancy is None else expected.reshape(height, width)
+    class_map = torch.where(rendering.alpha >= head.alpha_min, classes.reshape(height, width), 0)
+    found = None if values is None else expected.reshape(height, width)
     return LabelMap(class_map, rendering.alpha, found, rendering.image[..., :first], rendering.culled_non_finite)
 
 

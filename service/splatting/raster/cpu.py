@@ -39,7 +39,7 @@ def rasterize_with_context(
 ) -> tuple[Rendering, kernels.RenderContext]:
     """Also returns the kernels' record: visible, isects, milliseconds per stage."""
     dtype = splats.means.dtype
-    parts = [_float32(part) for part in _parts(splats)]
+    parts = [_float32(part) for part in vars(splats).values()]
     back = torch.zeros(parts[4].shape[1]) if background is None else _float32(background)
     record: dict[str, kernels.RenderContext] = {}
     image, alpha, depth, median, radii = _Rasterize.apply(*parts, back, viewmat, camera, settings, record)  # type: ignore[no-untyped-call]
@@ -54,7 +54,7 @@ def rasterize_bands(
 ) -> Iterator[tuple[slice, Rendering]]:
     """Implements `rendering.rasterize_bands` with at least one row of tiles per band."""
     dtype = splats.means.dtype
-    parts = [_float32(part.detach()) for part in _parts(splats)]
+    parts = [_float32(part.detach()) for part in vars(splats).values()]
     context, radii = _prepare(parts, viewmat, camera, settings)
     channels, tile = parts[4].shape[1], kernels.TILE_HEIGHT
     rows = max(1, max_values // max(1, camera.width * channels * tile)) * tile
@@ -68,7 +68,7 @@ def rasterize_bands(
 def accumulate_weights(
     splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings
 ) -> Tensor:
-    parts = [_float32(part.detach()) for part in _parts(splats)]
+    parts = [_float32(part.detach()) for part in vars(splats).values()]
     context, _ = _prepare(parts, viewmat, camera, settings)
     sums = torch.zeros(len(parts[0]), values.shape[-1])
     if sums.numel():
@@ -77,30 +77,22 @@ def accumulate_weights(
 
 
 def label_map(
-    splats: Splats,
-    viewmat: Tensor,
-    camera: Camera,
-    weight: Tensor,
-    bias: Tensor,
-    alpha_min: float,
-    relevancy: Tensor | None,
-    settings: RasterSettings,
+    splats: Splats, viewmat: Tensor, camera: Camera, head: classify.Head, settings: RasterSettings
 ) -> LabelMap:
-    channels, size = splats.features.shape[1], weight.shape[1]
+    channels, size = splats.features.shape[1], head.weight.shape[1]
     if channels > kernels.MAX_GROUP:
         bands = rasterize_bands(splats, viewmat, camera, _BAND_VALUES, settings)
-        return classify.joined([classify.label_map(band, weight, bias, alpha_min, relevancy) for _, band in bands])
-    parts = [_float32(part.detach()) for part in _parts(splats)]
+        return classify.joined([classify.label_map(band, head) for _, band in bands])
+    parts = [_float32(part.detach()) for part in vars(splats).values()]
     context, _ = _prepare(parts, viewmat, camera, settings)
     shape = (camera.height, camera.width)
     classes, alpha = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
-    expected = None if relevancy is None else torch.empty(shape)
+    expected = None if head.relevancy is None else torch.empty(shape)
     image = torch.empty(*shape, channels - size)
-    head = arrays(
-        weight=_float32(weight), bias=_float32(bias), relevancy=None if relevancy is None else _float32(relevancy)
-    )
+    values = None if head.relevancy is None else _float32(head.relevancy)
+    given = arrays(weight=_float32(head.weight), bias=_float32(head.bias), relevancy=values)
     drawn = arrays(classes=classes, alpha=alpha, expected=expected, image=image)
-    _call(context.label_map, settings)(**head, **drawn, alpha_min=alpha_min)
+    _call(context.label_map, settings)(**given, **drawn, alpha_min=head.alpha_min)
     dtype = splats.means.dtype
     expected = None if expected is None else expected.to(dtype)
     return LabelMap(classes, alpha.to(dtype), expected, image.to(dtype), context.non_finite)
@@ -116,7 +108,7 @@ def share_map(
     alpha_min: float,
     settings: RasterSettings,
 ) -> LabelMap:
-    parts = [_float32(part.detach()) for part in _parts(splats)]
+    parts = [_float32(part.detach()) for part in vars(splats).values()]
     context, _ = _prepare(parts, viewmat, camera, settings)
     shape = (camera.height, camera.width)
     classes, alpha = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
@@ -128,7 +120,7 @@ def share_map(
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
-    parts = [_float32(part.detach()) for part in _parts(splats)]
+    parts = [_float32(part.detach()) for part in vars(splats).values()]
     if labels.device.type != "cpu":
         raise InvalidInputError(f"the cpu backend got labels on {labels.device}", field="labels")
     context, _ = _prepare(parts, viewmat, camera, settings)
@@ -149,10 +141,6 @@ def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -
         return harmonics.sh_to_rgb(means, sh, camera_position, degree)
     rgb: Tensor = _SphericalHarmonics.apply(_float32(means), _float32(sh), _float32(camera_position.detach()), degree)  # type: ignore[no-untyped-call]
     return rgb
-
-
-def _parts(splats: Splats) -> tuple[Tensor, ...]:
-    return splats.means, splats.quats, splats.scales, splats.opacities, splats.features
 
 
 def _named(parts: Sequence[Tensor], prefix: str = "") -> dict[str, Any]:

@@ -106,18 +106,11 @@ def accumulate_weights(
 
 
 def label_map(
-    splats: Splats,
-    viewmat: Tensor,
-    camera: Camera,
-    weight: Tensor,
-    bias: Tensor,
-    alpha_min: float,
-    relevancy: Tensor | None,
-    settings: RasterSettings,
+    splats: Splats, viewmat: Tensor, camera: Camera, head: classify.Head, settings: RasterSettings
 ) -> LabelMap:
     """Rasterizes, then classifies in chunks by torch."""
     drawn = _rasterize(splats, viewmat, camera, None, settings, median=False)
-    return classify.label_map(drawn, weight, bias, alpha_min, relevancy)
+    return classify.label_map(drawn, head)
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
@@ -177,10 +170,8 @@ def _check(splats: Splats, settings: RasterSettings) -> None:
 
 
 def _usable(splats: Splats) -> tuple[Tensor | None, int]:
-    """Returns usable rows (None for all) and the number of non-finite ones.
-
-    A single norm tests all rows first, since indexing rows costs more than rendering them.
-    """
+    """Returns usable rows (None for all) and the number of non-finite ones."""
+    # A single norm tests all rows first, since indexing rows costs more than rendering them.
     lengths = torch.linalg.vector_norm(splats.quats.detach(), ord=torch.inf, dim=1)
     if len(lengths):
         norm = get_total_norm([getattr(splats, name).detach() for name in _PARTS])

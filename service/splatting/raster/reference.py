@@ -81,18 +81,11 @@ def accumulate_weights(
 
 
 def label_map(
-    splats: Splats,
-    viewmat: Tensor,
-    camera: Camera,
-    weight: Tensor,
-    bias: Tensor,
-    alpha_min: float,
-    relevancy: Tensor | None,
-    settings: RasterSettings,
+    splats: Splats, viewmat: Tensor, camera: Camera, head: classify.Head, settings: RasterSettings
 ) -> LabelMap:
     exact = Splats(**{name: part.double() for name, part in vars(splats).items()})
     rendering = rasterize(exact, viewmat, camera, None, settings)
-    labels = classify.label_map(rendering, weight, bias, alpha_min, relevancy)
+    labels = classify.label_map(rendering, head)
     dtype = splats.means.dtype
     expected = None if labels.relevancy is None else labels.relevancy.to(dtype)
     return replace(labels, alpha=labels.alpha.to(dtype), relevancy=expected, image=labels.image.to(dtype))
@@ -120,7 +113,9 @@ def _project(
     factor = _jacobians(points, camera) @ (axes * splats.scales[ids].double()[:, None, :])
     cov = factor @ factor.mT
     a, b, c = cov[:, 0, 0] + settings.eps2d, cov[:, 0, 1], cov[:, 1, 1] + settings.eps2d
-    det = _determinant(factor, settings.eps2d)
+    # det(F Fᵀ + eps I) by Cauchy-Binet; a·c − b² would cancel for needles.
+    cross: Tensor = torch.linalg.cross(factor[:, 0], factor[:, 1])
+    det = (cross**2).sum(dim=1) + settings.eps2d * (factor**2).sum(dim=(1, 2)) + settings.eps2d**2
     centers = points[:, :2] / points[:, 2:] * points.new_tensor((camera.fx, camera.fy))
     centers = centers + points.new_tensor((camera.cx, camera.cy))
 
@@ -165,12 +160,6 @@ def _jacobians(points: Tensor, camera: Camera) -> Tensor:
     zero = torch.zeros_like(z)
     rows = (camera.fx / z, zero, -camera.fx * u / z, zero, camera.fy / z, -camera.fy * v / z)
     return torch.stack(rows, dim=1).reshape(-1, 2, 3)
-
-
-def _determinant(factor: Tensor, eps2d: float) -> Tensor:
-    """Computes det(F Fᵀ + eps I) by Cauchy-Binet; a·c − b² would cancel for needles."""
-    cross: Tensor = torch.linalg.cross(factor[:, 0], factor[:, 1])
-    return (cross * cross).sum(dim=1) + eps2d * (factor * factor).sum(dim=(1, 2)) + eps2d**2
 
 
 def _footprints(

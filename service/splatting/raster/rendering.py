@@ -15,6 +15,7 @@ from torch import Tensor
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 from fastsplat.service.splatting.raster import classify
 from fastsplat.service.splatting.raster.checks import backend_module, check_call
+from fastsplat.service.splatting.raster.classify import Head
 from fastsplat.service.splatting.raster.image_formation import (
     Backend,
     LabelMap,
@@ -149,9 +150,8 @@ def label_map(
         if not bool(torch.isfinite(part).all()):
             raise InvalidInputError(f"{name} holds NaN or Inf", field=name)
     with torch.no_grad():
-        labels: LabelMap = backend_module(backend).label_map(
-            splats, viewmat, camera, weight, bias, alpha_min, relevancy, settings
-        )
+        how = Head(weight, bias, relevancy, alpha_min)
+        labels: LabelMap = backend_module(backend).label_map(splats, viewmat, camera, how, settings)
     return labels
 
 

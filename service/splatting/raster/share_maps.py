@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import torch
@@ -14,7 +13,7 @@ from torch import Tensor
 from fastsplat.service.scene.artefact.scene import F32
 from fastsplat.service.splatting.raster import cpu
 from fastsplat.service.splatting.raster.checks import check_call
-from fastsplat.service.splatting.raster.image_formation import Backend, LabelMap, RasterSettings, Rendering, Splats
+from fastsplat.service.splatting.raster.image_formation import Backend, LabelMap, RasterSettings, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize_bands
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera
@@ -119,8 +118,8 @@ class _Canvas:
         self, splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings, backend: Backend
     ) -> None:
         shape = (camera.height, camera.width)
-        self._splats, self._viewmat, self._camera = splats, viewmat, camera
-        self._settings, self._backend = settings, backend
+        given = partial(rasterize_bands, viewmat=viewmat, camera=camera, settings=settings, backend=backend)
+        self._splats, self._bands = splats, partial(given, max_values=_BAND_VALUES)
         self._best = splats.means.new_zeros(shape)
         self.alpha = splats.means.new_zeros(shape)
         # Label of the largest sum so far, 0 where none is positive.
@@ -130,21 +129,11 @@ class _Canvas:
     def draw_labels(self, names: NDArray[np.uint16], table: Tensor) -> Tensor:
         """Draws alpha and labels [K] with shares [G, K]; returns the radii, int32 [G]."""
         radii = torch.zeros(len(table), dtype=torch.int32)
-        for band, rendering in self._bands(table):
+        for band, rendering in self._bands(replace(self._splats, features=table)):
             self.alpha[band] = rendering.alpha
             self._update(band, names, rendering.image)
             radii, self.culled_non_finite = rendering.radii, rendering.culled_non_finite
         return radii
-
-    def _bands(self, features: Tensor) -> Iterator[tuple[slice, Rendering]]:
-        return rasterize_bands(
-            replace(self._splats, features=features),
-            self._viewmat,
-            self._camera,
-            max_values=_BAND_VALUES,
-            settings=self._settings,
-            backend=self._backend,
-        )
 
     def _update(self, band: slice, names: NDArray[np.uint16], shares: Tensor) -> None:
         """Updates classes where a share [rows, W, K] exceeds all before."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import safetensors.torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from fastsplat.service.common.files import atomic_file
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import ConflictError
 
@@ -54,20 +54,8 @@ def write_checkpoint(checkpoint: Checkpoint, folder: Path, fingerprint: str) -> 
     }
     metadata["sha256"] = _seal(metadata, checkpoint.tensors)
     content = safetensors.torch.save({name: t.contiguous() for name, t in checkpoint.tensors.items()}, metadata)
-    beside = folder / f".{_NAME}.{os.getpid()}"
-    try:
-        with beside.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(folder / _NAME)
-    finally:
-        beside.unlink(missing_ok=True)
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    with atomic_file(folder / _NAME) as beside:
+        beside.write_bytes(content)
 
 
 def read_checkpoint(folder: Path, fingerprint: str) -> Checkpoint | None:

@@ -134,13 +134,8 @@ def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
     return rotated
 
 
-def _coefficients() -> Tensor:
-    """[n − 1, k] = C(n, k + 1) (−1)^k / √(k + 1)."""
-    rows = [
-        [math.comb(n, k + 1) * (-1) ** k / math.sqrt(k + 1) for k in range(MAX_COPIES)]
-        for n in range(1, MAX_COPIES + 1)
-    ]
-    return torch.tensor(rows, dtype=torch.float64)
-
-
-_COEFFICIENTS = _coefficients()
+_COEFFICIENTS = torch.tensor(
+    [[math.comb(n, k + 1) * (-1) ** k / (k + 1) ** 0.5 for k in range(MAX_COPIES)] for n in range(1, MAX_COPIES + 1)],
+    dtype=torch.float64,
+)
+"""[n − 1, k] = C(n, k + 1) (−1)^k / √(k + 1)."""

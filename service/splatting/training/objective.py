@@ -44,18 +44,12 @@ def loss_terms(
         terms["semantic"] = settings.semantic_weight * settings.semantic_every * cross_entropy
     if anchors is not None:
         terms |= depth_terms(rendering, squared[..., 0], anchors, target, frame.valid, settings)
-        terms |= sensor_depth_terms(rendering, frame, settings)
+        if frame.depth is not None and settings.sensor_depth_weight:
+            error = sensor_depth_error(rendering.alpha, rendering.depth, frame.depth, frame.valid)
+            terms["sensor_depth"] = settings.sensor_depth_weight * settings.depth_every * error
     terms["opacity"] = _OPACITY_DECAY * splats.opacities.mean()
     terms["scale"] = _SCALE_DECAY / extent * splats.scales.mean()
     return terms
-
-
-def sensor_depth_terms(rendering: Rendering, frame: Frame, settings: TrainingSettings) -> dict[str, Tensor]:
-    """Returns the sensor depth term by name; empty without measurements or weight."""
-    if frame.depth is None or not settings.sensor_depth_weight:
-        return {}
-    error = sensor_depth_error(rendering.alpha, rendering.depth, frame.depth, frame.valid)
-    return {"sensor_depth": settings.sensor_depth_weight * settings.depth_every * error}
 
 
 def sensor_depth_error(alpha: Tensor, depth: Tensor, measured: Tensor, valid: Tensor | None = None) -> Tensor:

@@ -22,12 +22,7 @@ from fastsplat.service.splatting.training.objective import loss_terms
 from fastsplat.service.splatting.training.recorder import Recorder
 from fastsplat.service.splatting.training.requirement import Requirement
 from fastsplat.service.splatting.training.run_watch import RunWatch
-from fastsplat.service.splatting.training.schedule import (
-    depth_regularized,
-    image_level,
-    learning_rates,
-    sh_degree,
-)
+from fastsplat.service.splatting.training.schedule import depth_regularized, image_level, learning_rates, sh_degree
 from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView, render_frame
 from fastsplat_contract.errors import InvalidInputError, TrainingDivergedError
@@ -107,7 +102,10 @@ class Trainer:
         regularized = depth_regularized(iteration, progress, settings, frame.depth is not None)
         self._photometric.decide_if_due(self.state)
         correction = self._photometric.correction(self.state, number)
-        anchors = depth_anchors(self._anchors(correction), view, frame) if regularized else None
+        points = self._anchor_points
+        if correction is not None:  # colored as the photo shows them
+            points = replace(points, colors=correct(points.colors, correction.detach()).clamp(0, 1))
+        anchors = depth_anchors(points, view, frame) if regularized else None
         splats = splats_of(parameters)
         rendering = render_frame(
             parameters,
@@ -153,13 +151,6 @@ class Trainer:
         epoch, position = divmod(iteration, len(self.views))
         order = np.random.default_rng((self._settings.seed, 2, epoch)).permutation(len(self.views))
         return int(order[position])
-
-    def _anchors(self, correction: Tensor | None) -> AnchorPoints:
-        """The capture's points, colored as the photo shows them."""
-        if correction is None:
-            return self._anchor_points
-        colors = correct(self._anchor_points.colors, correction.detach()).clamp(0, 1)
-        return replace(self._anchor_points, colors=colors)
 
     def _background(self) -> Tensor | None:
         if self._settings.background == "black":

@@ -63,11 +63,11 @@ UNWATCHED = TrainingWatch()
 class PreviewBudget:
     """Schedules previews within `PREVIEW_SHARE` of the time, at growing intervals.
 
-    The first comes at once; each next one is assumed to cost as much as the last.
+    The first comes at once; each next one is assumed to cost as much as the last. `spent_s` is the total, seconds.
     """
 
     def __init__(self) -> None:
-        self._spent_s = self._last_cost_s = 0.0
+        self.spent_s = self._last_cost_s = 0.0
         self._last_at: float | None = None
 
     def is_due(self, elapsed_s: float) -> bool:
@@ -75,18 +75,13 @@ class PreviewBudget:
         if self._last_at is None:
             return True
         gap = min(max(_FIRST_GAP_S, (_GROWTH - 1) * self._last_at), _LONGEST_GAP_S)
-        affordable = self._spent_s + self._last_cost_s <= PREVIEW_SHARE * elapsed_s
+        affordable = self.spent_s + self._last_cost_s <= PREVIEW_SHARE * elapsed_s
         return affordable and elapsed_s - self._last_at >= gap
 
     def spend(self, elapsed_s: float, cost_s: float) -> None:
         """Records the cost of a preview made `elapsed_s` seconds after the start."""
         self._last_at, self._last_cost_s = elapsed_s, cost_s
-        self._spent_s += cost_s
-
-    @property
-    def spent_s(self) -> float:
-        """Total seconds spent on previews."""
-        return self._spent_s
+        self.spent_s += cost_s
 
 
 class Previews:
@@ -96,7 +91,7 @@ class Previews:
         camera = training_size(view.frames[-1].camera, _SIDE)
         self._view, self._frame = view, replace(view.frames[-1], camera=camera)
         self._backend, self._publish = backend, publish
-        self._budget = PreviewBudget()
+        self.budget = PreviewBudget()
         self._started = time.monotonic()
 
     def after_step(
@@ -104,26 +99,19 @@ class Previews:
     ) -> None:
         """Renders a preview if one is due; an unknown `psnr` is NaN."""
         begun = time.monotonic()
-        if not self._budget.is_due(begun - self._started):
+        if not self.budget.is_due(begun - self._started):
             return
         camera = self._frame.camera
-        jpeg = _jpeg(self._render(parameters, degree))
+        with torch.no_grad():
+            splats, backend = splats_of(parameters), self._backend
+            drawn = render_frame(parameters, splats, self._view, self._frame, degree=degree, backend=backend)
+        jpeg = _jpeg(drawn.image)
         gaussians = len(parameters["means"])
         known = psnr if math.isfinite(psnr) else None
         view = self._view.name
         self._publish(TrainingPreview(jpeg, step, elapsed_s, gaussians, known, view, camera.width, camera.height))
         now = time.monotonic()
-        self._budget.spend(now - self._started, now - begun)
-
-    @property
-    def spent_s(self) -> float:
-        """Total seconds spent on previews."""
-        return self._budget.spent_s
-
-    @torch.no_grad()
-    def _render(self, parameters: dict[str, Tensor], degree: int) -> Tensor:
-        splats = splats_of(parameters)
-        return render_frame(parameters, splats, self._view, self._frame, degree=degree, backend=self._backend).image
+        self.budget.spend(now - self._started, now - begun)
 
 
 def _jpeg(image: Tensor) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -56,6 +56,11 @@ def color_corrected(image: Tensor, target: Tensor, valid: Tensor | None = None) 
     return corrected
 
 
+def mean_color(target: Tensor, valid: Tensor | None) -> Tensor:
+    """A picture [H, W, 3] of the mean color of a photo's valid pixels."""
+    return (target if valid is None else target[valid]).reshape(-1, 3).mean(dim=0).expand_as(target)
+
+
 def require_likeness(
     parameters: Mapping[str, Tensor],
     views: Sequence[TrainingView],
@@ -78,10 +83,9 @@ def require_likeness(
     if rows is None and held_out:
         judged += held_out[:: math.ceil(len(held_out) / _JUDGED)]
     figures = []
-    for row, image, target, valid in _pictures(parameters, judged, backend):
+    for row, image, target, valid in pictures(parameters, judged, backend):
         picture = image if rows is None else corrected_for(image, rows[row], target)
-        mean = (target if valid is None else target[valid]).reshape(-1, 3).mean(dim=0).expand_as(target)
-        figures.append((psnr(picture, target, valid), psnr(mean, target, valid)))
+        figures.append((psnr(picture, target, valid), psnr(mean_color(target, valid), target, valid)))
     if 2 * sum(found < min(mean, _UNLIKE_DB) for found, mean in figures) > len(figures):
         found, mean = np.median(figures, axis=0)
         raise TrainingDivergedError(
@@ -92,11 +96,11 @@ def require_likeness(
         )
 
 
-def _corrected_psnr(image: Tensor, target: Tensor, valid: Tensor | None) -> float:
-    return psnr(color_corrected(image, target, valid), target, valid)
-
-
-_FIGURES = {"psnr": psnr, "psnr_cc": _corrected_psnr, "ssim": ssim}
+_FIGURES: Mapping[str, Callable[[Tensor, Tensor, Tensor | None], float]] = {
+    "psnr": psnr,
+    "psnr_cc": lambda image, target, valid: psnr(color_corrected(image, target, valid), target, valid),
+    "ssim": ssim,
+}
 
 
 def measure_views(
@@ -108,7 +112,7 @@ def measure_views(
     All harmonics of the parameters are used (see `SplatState`), and views are compared at their largest size.
     """
     figures: dict[str, list[float]] = {name: [] for name in names}
-    for _, image, target, valid in _pictures(parameters, views, backend):
+    for _, image, target, valid in pictures(parameters, views, backend):
         for name, values in figures.items():
             values.append(_FIGURES[name](image, target, valid))
     finite = {name: [value for value in values if math.isfinite(value)] for name, values in figures.items()}
@@ -116,10 +120,10 @@ def measure_views(
 
 
 @torch.no_grad()
-def _pictures(
+def pictures(
     parameters: Mapping[str, Tensor], views: Sequence[TrainingView], backend: Backend
 ) -> Iterator[tuple[int, Tensor, Tensor, Tensor | None]]:
-    """Row, picture, photo and valid pixels of each view that shows anything."""
+    """Row, picture [H, W, 3], photo and valid pixels (None: all) of each view that shows anything."""
     degree, splats = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1, splats_of(parameters)
     for row, view in enumerate(views):
         frame = view.frames[-1]

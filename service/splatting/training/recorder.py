@@ -69,7 +69,7 @@ class Recorder:
     @property
     def preview_seconds(self) -> float:
         """What pictures of the run have taken."""
-        return 0.0 if self._previews is None else self._previews.spent_s
+        return 0.0 if self._previews is None else self._previews.budget.spent_s
 
     def start(self, state: SplatState, elapsed_s: float, progress: float) -> None:
         """Before the first step."""

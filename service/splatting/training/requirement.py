@@ -106,17 +106,14 @@ class Requirement:
 
     def figures(self) -> dict[str, float]:
         """For a scene's quality, see `TrainedSplats`."""
+        gain = GAIN_OF_DOUBLING / max(self._state.iteration, FEWEST_STEPS)  # by the mean curve of captures
+        if enough := self._is_enough():
+            gain = 0.0 if self._measured[-1][-1] >= _ALIKE_DB else max(0.0, self._last_doubling_db())
         return {
-            "enough": float(self._is_enough()),
+            "enough": float(enough),
             "tolerance_db": self._settings.tolerance_db,
-            "next_doubling_db": self._next_doubling_db(),
+            "next_doubling_db": gain,
         }
-
-    def _next_doubling_db(self) -> float:
-        """PSNR that twice the steps would gain, by what was measured or else by the mean curve of captures."""
-        if not self._is_enough():
-            return GAIN_OF_DOUBLING / max(self._state.iteration, FEWEST_STEPS)
-        return 0.0 if self._measured[-1][-1] >= _ALIKE_DB else max(0.0, self._last_doubling_db())
 
     def _prune(self, least_db: float) -> None:
         views = [(view.viewmat, view.frames[0].camera) for view in self._views]

@@ -17,16 +17,17 @@ from torch import Tensor
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.scene.artefact.scene import Gaussians, SemanticHead
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, SemanticHead
 from fastsplat.service.splatting.exposure.photometric_training import CORRECTIONS, photo_corrections, start_corrections
 from fastsplat.service.splatting.exposure.scene_exposure import scene_exposure
-from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, final_gaussians
+from fastsplat.service.splatting.gaussians import color_parameters, final_gaussians
 from fastsplat.service.splatting.initial import StartPoints, scene_extent, start_gaussians, start_points
 from fastsplat.service.splatting.labels.label_refit import refit_codes
 from fastsplat.service.splatting.labels.label_supervision import LabelSupervision
 from fastsplat.service.splatting.labels.semantics import ghost_share, start_codes, start_head
 from fastsplat.service.splatting.labels.view_evidence import views_evidence
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.state import SplatState, new_state, restored_state
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
@@ -62,15 +63,7 @@ def splats_under_way(
     supervision = LabelSupervision(labelling, settings, device_of(settings.backend))
     if supervision.mode == "codes":
         return TrainedSplats(gaussians, head, quality, ())
-    evidence = None
-    if supervision.labels:
-        evidence = views_evidence(
-            gaussians,
-            views,
-            supervision.labels + 1,
-            undetected_weight=supervision.undetected_weight,
-            backend=settings.backend,
-        )
+    evidence = _evidence(gaussians, views, supervision, settings.backend) if supervision.labels else None
     return TrainedSplats(gaussians, SemanticHead.unlearnt(supervision.labels), quality, (), evidence)
 
 
@@ -111,7 +104,12 @@ def train(
     with one_torch_thread():
         progress(ProgressEvent("training", 0.0, f"loading {len(capture.views)} images"))
         run, views = _load(capture, labelling, settings, device)
-        fingerprint = _fingerprint(capture, labelling, settings, run, views) if checkpoint_dir else ""
+        fingerprint = ""
+        if checkpoint_dir:
+            choices = settings.model_dump(mode="json") | {"exact": labelling.exact}
+            labels = [entry.label for entry in labelling.dictionary.entries]
+            arrays = capture.points, capture.point_colors
+            fingerprint = fingerprint_of(choices, labels, (*views, *run.held_out), arrays)
         checkpoint = read_checkpoint(checkpoint_dir, fingerprint) if checkpoint_dir else None
         if checkpoint:
             state = restored_state(checkpoint.tensors, checkpoint.iteration, device)
@@ -165,18 +163,12 @@ def train(
 
 @dataclass(frozen=True)
 class _Run:
-    """What a run knows of its capture, training views excepted.
+    """What a run knows of its capture, training views excepted."""
 
-    Attributes:
-        held_out: the other views, on the backend's device.
-        start: points that the run starts from.
-        extent: of the scene, scene units.
-    """
-
-    held_out: tuple[TrainingView, ...]
+    held_out: tuple[TrainingView, ...]  # on the backend's device
     supervision: LabelSupervision
     start: StartPoints
-    extent: float
+    extent: float  # of the scene, scene units
 
 
 def _load(
@@ -203,14 +195,6 @@ def _anchor_points(capture: Capture, seed: int, device: torch.device) -> AnchorP
         rows = np.sort(np.random.default_rng((seed, 6)).choice(len(rows), MAX_ANCHORS, replace=False))
     points, colors = capture.points[rows].astype(np.float32), capture.point_colors[rows].astype(np.float32) / 255
     return AnchorPoints(torch.from_numpy(points).to(device), torch.from_numpy(colors).to(device))
-
-
-def _fingerprint(
-    capture: Capture, labelling: Labelling, settings: TrainingSettings, run: _Run, views: tuple[TrainingView, ...]
-) -> str:
-    choices = settings.model_dump(mode="json") | {"exact": labelling.exact}
-    labels = [entry.label for entry in labelling.dictionary.entries]
-    return fingerprint_of(choices, labels, (*views, *run.held_out), (capture.points, capture.point_colors))
 
 
 def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSettings, device: torch.device) -> SplatState:
@@ -279,28 +263,19 @@ def _finished(
     evidence = None
     if supervision.mode == "evidence":
         begun = time.monotonic()
-        evidence = views_evidence(
-            gaussians,
-            trainer.views,
-            supervision.labels + 1,
-            undetected_weight=supervision.undetected_weight,
-            backend=backend,
-        )
+        evidence = _evidence(gaussians, trainer.views, supervision, backend)
         quality["evidence_seconds"] = time.monotonic() - begun
     elif supervision.labels:
         quality["label_refit_seconds"] = refit_seconds
-        quality["ghost_share"] = _ghost_share(gaussians, head)
-    colors = {name: value.to(device_of(backend)) for name, value in color_parameters(gaussians).items()}
-    quality |= measure_views(colors, run.held_out, backend)
+        quality["ghost_share"] = ghost_share(gaussians.codes, gaussians.logit_opacities, head)
+    quality |= measure_views(color_parameters(gaussians, device_of(backend)), run.held_out, backend)
     held_out = tuple(view.name for view in run.held_out)
     warnings = return_warnings(trainer.state)
     return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections, warnings)
 
 
-def _ghost_share(gaussians: Gaussians, head: SemanticHead) -> float:
-    return ghost_share(
-        torch.from_numpy(gaussians.codes),
-        activate_opacities(torch.from_numpy(gaussians.logit_opacities)),
-        torch.from_numpy(head.weight),
-        torch.from_numpy(head.bias),
-    )
+def _evidence(
+    gaussians: Gaussians, views: Sequence[TrainingView], supervision: LabelSupervision, backend: Backend
+) -> Evidence:
+    classes, undetected = supervision.labels + 1, supervision.undetected_weight
+    return views_evidence(gaussians, views, classes, undetected_weight=undetected, backend=backend)

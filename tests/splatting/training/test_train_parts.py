@@ -10,7 +10,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.scene.artefact.scene import SH_C0
+from fastsplat.service.scene.artefact.scene import SH_C0, SemanticHead
 from fastsplat.service.scene.gaussians.morton import morton_order
 from fastsplat.service.splatting.initial import StartPoints, start_gaussians, start_points
 from fastsplat.service.splatting.labels.semantics import (
@@ -168,10 +168,10 @@ def test_automatic_codes_start_without_ghosts(labels: int) -> None:
     size = code_size(labels, "auto")
     codes = separated_codes(labels + 1, size, 0)
     weight, bias = start_head(codes)
-    everyone = codes.repeat(2, 1)
     assert codes.norm(dim=1) == pytest.approx(torch.ones(labels + 1))
     assert ((codes @ weight.T + bias).argmax(1) == torch.arange(labels + 1)).all()
-    assert ghost_share(everyone, torch.ones(len(everyone)), weight, bias) == 0
+    head = SemanticHead(weight.numpy(), bias.numpy())
+    assert ghost_share(codes.numpy(), np.zeros(labels + 1, np.float32), head) == 0
 
 
 def test_code_sizes() -> None:
@@ -182,10 +182,10 @@ def test_code_sizes() -> None:
 
 
 def test_a_third_label_between_two_is_a_ghost() -> None:
-    weight = torch.tensor([[0.0, 0.0], [-2.0, 0.0], [0.0, 0.0], [2.0, 0.0]])
-    bias = torch.tensor([-9.0, 0.0, 1.0, 0.0])
-    codes = torch.tensor([[-2.0, 0.0], [0.0, 0.0], [2.0, 0.0]])
-    assert ghost_share(codes, torch.ones(3), weight, bias) == pytest.approx(1 / 3)
+    weight = np.array([[0, 0], [-2, 0], [0, 0], [2, 0]], np.float32)
+    codes = np.array([[-2, 0], [0, 0], [2, 0]], np.float32)
+    head = SemanticHead(weight, np.array([-9, 0, 1, 0], np.float32))
+    assert ghost_share(codes, np.zeros(3, np.float32), head) == pytest.approx(1 / 3)
 
 
 def test_points_start_on_their_label(world) -> None:
