@@ -109,6 +109,7 @@ class Labelling:
     regions: tuple[Regions, ...] = ()  # per view, sources of the label maps; empty if nothing was detected by us
     masks: tuple[ViewMasks | None, ...] = ()  # per view, masks without names; None, or empty, if not looked for
     searched: tuple[str, ...] | None = None  # names that a detector looked for; None if unknown, or no detector
+    detector: str = ""  # as the settings name it; "" if unknown, or none
 
     def __post_init__(self) -> None:
         assert len(self.regions) in (0, len(self.label_maps))

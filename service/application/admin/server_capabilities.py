@@ -150,8 +150,19 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
     if role == "image_text" and ready:
-        calibrated = False  # scores of such models are not calibrated
+        calibrated = _looks_measured(settings)
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
+
+
+def _looks_measured(settings: Settings) -> bool | None:
+    """True if the image-text model's scores are calibrated; None if it cannot be opened."""
+    from fastsplat.service.query.phrases.looks_files import find_looks
+
+    try:
+        model = find_looks(settings.perception, settings.models)
+    except FastSplatError:
+        return None
+    return model is not None and model.calibration.measured
 
 
 def weighed_with_encoder(settings: Settings) -> bool:

@@ -112,7 +112,9 @@ def label_capture(
     maps = _LabelMaps(capture, resolved, settings)
 
     def labelled() -> Labelling:
-        return replace(maps.labelling(expected=bool(labels)), masks=tuple(proposed), searched=detector.searched)
+        found = maps.labelling(expected=bool(labels))
+        name = settings.open_set_detector or settings.closed_set_detector
+        return replace(found, masks=tuple(proposed), searched=detector.searched, detector=name)
 
     segmented = views_to_segment(resolved.objects, proposing) if masks else set(range(len(positions)))
     order = [positions.index(number) for number in covering_order(capture, positions)]
