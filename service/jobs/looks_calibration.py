@@ -4,8 +4,10 @@ Drawn rooms are looked at as a scene's photos are. Figures are of rooms whose ki
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +29,8 @@ from fastsplat.service.query.phrases.object_looks import (
     log_odds,
     logit,
     prompt,
-    text_shares,
-    word_shares,
+    softmax_weights,
+    text_share,
 )
 from fastsplat.service.scene.artefact.scene import STATED_FROM
 
@@ -38,6 +40,7 @@ _BATCH = 64
 _TEMPERATURES = (1e-3, 1.0)
 _TOP = 5  # likeliest names of an object that are judged
 _RIDGE = 0.5  # of logistic models, towards the identity
+_TINY = 1e-12
 _LOOKING = 0.7  # share of the progress
 
 
@@ -47,7 +50,7 @@ class _Objects:
 
     room: NDArray[np.int64]  # [K]
     kind: NDArray[np.str_]  # [K], of the room
-    label: Sequence[str]
+    word: NDArray[np.int64]  # [K], the row of its label in `words`
     weight: F64  # [K], objects of one label in a room count together as the root of their number
     cosines: F64  # [K, V], with the common objects
     names_right: NDArray[np.bool_]  # [K, V]
@@ -55,10 +58,32 @@ class _Objects:
     of_words: F64  # [K, W], cosines with them
     words_right: NDArray[np.bool_]  # [K, W]
 
-    def shares_of_words(self, temperature: float) -> F64:
-        """float64 [K, W], as questions have them."""
-        pairs = zip(self.words, self.of_words.T, strict=True)
-        return np.stack([text_shares(word, self.cosines, row, temperature) for word, row in pairs], axis=1)
+    def of(self, rows: NDArray[np.bool_]) -> _Objects:
+        """Some of the objects."""
+        arrays: dict[str, Any] = {
+            name: array[rows] for name, array in vars(self).items() if isinstance(array, np.ndarray)
+        }
+        return replace(self, **arrays)
+
+    def shares(self, temperature: float) -> tuple[F64, F64]:
+        """Shares of common objects [K, V] as names have them, and of words [K, W] as questions have them."""
+        weights, of_words = self._weights(temperature)
+        pairs = zip(self.words, of_words.T, strict=True)
+        words = np.stack([text_share(word, weights, row) for word, row in pairs], axis=1)
+        return weights / np.maximum(weights.sum(axis=1, keepdims=True), _TINY), words
+
+    def likelihoods(self, temperature: float) -> F64:
+        """Share [K] of each object's label."""
+        weights, of_words = self._weights(temperature)
+        shares = np.zeros(len(self.word))
+        for word in np.unique(self.word).tolist():
+            at = self.word == word
+            shares[at] = text_share(self.words[word], weights[at], of_words[at, word])
+        return shares
+
+    def _weights(self, temperature: float) -> tuple[F64, F64]:
+        peak = np.maximum(self.cosines.max(axis=1), self.of_words.max(axis=1))
+        return softmax_weights(self.cosines, peak, temperature), softmax_weights(self.of_words, peak, temperature)
 
 
 def calibrate_image_text(
@@ -79,11 +104,11 @@ def calibrate_image_text(
     measured, common = _measured(model, drawn_rooms() if rooms is None else rooms, report_progress)
     found = [_predicted(measured, kind) for kind in sorted(set(measured.kind.tolist()))]
     counts = {key: sum(counts[key] for counts in found) for key in found[0]}
-    temperature, name, present = _fitted(measured, np.ones(len(measured.room), np.bool_))
+    temperature, name, text, present = _fitted(measured)
     sizes = {"rooms": len(set(measured.room.tolist())), "objects": len(measured.room)}
     held_out = HeldOut.model_validate({**sizes, **_matched(measured), **counts})
     facts = {"model": model.name, "sha256": model.sha256, "common_objects": common_objects_digest()}
-    fit = {"temperature": temperature, "name": name, "present": present}
+    fit = {"temperature": temperature, "name": name, "text": text, "present": present}
     return Calibration.model_validate({**facts, **fit, "held_out": held_out}), common
 
 
@@ -116,7 +141,7 @@ def _measured(
     return _Objects(
         np.array(numbers),
         np.array(kinds),
-        labels,
+        np.array([words.index(label) for label in labels]),
         np.array(weights),
         rows @ common.T.astype(np.float64),
         np.stack([names_right[label] for label in labels]),
@@ -131,48 +156,35 @@ def _is_right(names: Sequence[str], label: str) -> bool:
     return is_true_of(names[0], label) or is_true_of(label, names[0]) or label in names
 
 
-def _fitted(measured: _Objects, rows: NDArray[np.bool_]) -> tuple[float, Logistic, Logistic]:
-    """Temperature and logistic models of some of the objects."""
-    truth = np.array([measured.words.index(label) for label in measured.label])
-    weight = measured.weight[rows]
+def _fitted(measured: _Objects) -> tuple[float, Logistic, Logistic, Logistic]:
+    """Temperature and models of names, texts and presence by maximum likelihood; presence has a prior of 1/2."""
 
     def loss(log_temperature: float) -> float:
-        shares = _true_shares(measured, truth, rows, float(np.exp(log_temperature)))
-        return float(-(weight * np.log(np.maximum(shares, 1e-12))).sum())
+        shares = measured.likelihoods(math.exp(log_temperature))
+        return float(-(measured.weight * np.log(np.maximum(shares, _TINY))).sum())
 
     fit = minimize_scalar(loss, bounds=tuple(np.log(_TEMPERATURES)), method="bounded", options={"xatol": 0.02})
-    temperature = float(np.exp(fit.x))
-    of_words = logit(measured.shares_of_words(temperature)[rows])
-    shares = word_shares(measured.cosines[rows], temperature)
-    best = np.argsort(-shares, axis=1, kind="stable")[:, :_TOP]
-    logits = np.concatenate([logit(np.take_along_axis(shares, best, axis=1)), of_words], axis=1)
-    right = np.concatenate(
-        [np.take_along_axis(measured.names_right[rows], best, axis=1), measured.words_right[rows]], axis=1
+    temperature = math.exp(fit.x)
+    of_names, of_words = measured.shares(temperature)
+    best = np.argsort(-of_names, axis=1, kind="stable")[:, :_TOP]
+    name, text = (
+        _logistic(logit(shares), right, np.broadcast_to(measured.weight[:, None], shares.shape))
+        for shares, right in (
+            (np.take_along_axis(of_names, best, axis=1), np.take_along_axis(measured.names_right, best, axis=1)),
+            (of_words, measured.words_right),
+        )
     )
-    name = _logistic(logits.ravel(), right.ravel(), np.repeat(weight, logits.shape[1]))
-    most, there = _by_room(measured, logit(logistic(log_odds(name, of_words))), rows)
-    balance = np.where(there, 0.5 / max(there.mean(), 1e-9), 0.5 / max((~there).mean(), 1e-9))  # a prior of 1/2
-    return temperature, name, _logistic(most.ravel(), there.ravel(), balance.ravel())
+    most, there = _by_room(measured, of_words, text)
+    balance = 0.5 / np.maximum(np.where(there, there.mean(), (~there).mean()), _TINY)
+    return temperature, name, text, _logistic(most, there, balance)
 
 
-def _true_shares(measured: _Objects, truth: NDArray[np.int64], rows: NDArray[np.bool_], temperature: float) -> F64:
-    shares = np.zeros(len(truth))
-    for word in np.unique(truth[rows]).tolist():
-        at = np.flatnonzero(rows & (truth == word))
-        shares[at] = text_shares(
-            measured.words[word], measured.cosines[at], measured.of_words[at, word], temperature
-        )  # fmt: skip
-    return shares[rows]
-
-
-def _by_room(measured: _Objects, logits: F64, rows: NDArray[np.bool_]) -> tuple[F64, NDArray[np.bool_]]:
-    """Largest logit [R, W] of each word among a room's objects, and whether it is true of any."""
-    room, right = measured.room[rows], measured.words_right[rows]
-    each_room = [room == number for number in np.unique(room)]
-    return (
-        np.stack([logits[inside].max(axis=0) for inside in each_room]),
-        np.stack([right[inside].any(axis=0) for inside in each_room]),
-    )
+def _by_room(measured: _Objects, of_words: F64, text: Logistic) -> tuple[F64, NDArray[np.bool_]]:
+    """Logit [R, W] of a room's likeliest object for each word, and whether the word is true of any there."""
+    logits = logit(logistic(log_odds(text, logit(of_words))))
+    inside = [measured.room == number for number in np.unique(measured.room)]
+    most = np.stack([logits[rows].max(axis=0) for rows in inside])
+    return most, np.stack([measured.words_right[rows].any(axis=0) for rows in inside])
 
 
 def _logistic(logits: F64, right: NDArray[np.bool_], weight: F64) -> Logistic:
@@ -190,15 +202,13 @@ def _logistic(logits: F64, right: NDArray[np.bool_], weight: F64) -> Logistic:
 
 def _predicted(measured: _Objects, kind: str) -> dict[str, float]:
     """Counts of `HeldOut` for a kind of rooms, by a fit to the others."""
-    rows = measured.kind == kind
-    temperature, name, present = _fitted(measured, ~rows)
-    shares = word_shares(measured.cosines[rows], temperature)
-    best = shares.argmax(axis=1)
-    right = measured.names_right[rows][np.arange(len(best)), best]
-    sure = logistic(log_odds(name, logit(shares.max(axis=1))))
-    of_words = logit(logistic(log_odds(name, logit(measured.shares_of_words(temperature)[rows]))))
-    most, there = _by_room(measured, of_words, rows)
-    refused = logistic(log_odds(present, most)) < RATHER
+    temperature, name, text, present = _fitted(measured.of(measured.kind != kind))
+    rooms = measured.of(measured.kind == kind)
+    of_names, of_words = rooms.shares(temperature)
+    right = np.take_along_axis(rooms.names_right, of_names.argmax(axis=1)[:, None], axis=1)[:, 0]
+    sure = logistic(log_odds(name, logit(of_names.max(axis=1))))
+    most, there = _by_room(rooms, of_words, text)
+    refused = logistic(log_odds(present, most)) <= RATHER
     given, stated = sure >= NAMED_FROM, sure >= STATED_FROM
     return {
         "right": int(right.sum()),
@@ -215,14 +225,13 @@ def _predicted(measured: _Objects, kind: str) -> dict[str, float]:
 
 
 def _matched(measured: _Objects) -> dict[str, float]:
-    """Counts of labels whose objects are nearest to their label among those of the room."""
-    matched, labels, chance = 0, 0, 0.0
-    for room in np.unique(measured.room):
-        inside = np.flatnonzero(measured.room == room).tolist()
-        here = sorted({measured.label[row] for row in inside})
-        columns = [measured.words.index(label) for label in here]
-        for number, label in enumerate(here):
-            rows = [row for row in inside if measured.label[row] == label]
-            matched += int(measured.of_words[rows][:, columns].mean(axis=0).argmax()) == number
-        labels, chance = labels + len(here), chance + 1.0
-    return {"matched": matched, "labels": labels, "chance": chance}
+    """Counts of a room's labels that are nearest to their objects among the room's labels."""
+    matched, labels, rooms = 0, 0, np.unique(measured.room)
+    for room in rooms:
+        inside = measured.of(measured.room == room)
+        here = np.unique(inside.word)
+        labels += len(here)
+        for word in here:
+            scores = inside.of_words[inside.word == word][:, here].mean(axis=0)
+            matched += int(here[scores.argmax()] == word)
+    return {"matched": matched, "labels": labels, "chance": float(len(rooms))}

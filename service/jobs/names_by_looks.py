@@ -16,7 +16,7 @@ from fastsplat.service.query.phrases.object_looks import (
     log_odds,
     logit,
     seen_by,
-    word_shares,
+    softmax_weights,
 )
 from fastsplat.service.scene.artefact.scene import Objects
 from fastsplat.service.scene.artefact.suggestions import MOST_SUGGESTED
@@ -36,7 +36,9 @@ def named_by_looks(objects: Objects, model: LooksModel, names: Sequence[str]) ->
     more = [name for name in names if not common_objects(name)[1]]
     words = [*(obj.names[0] for obj in all_common_objects()), *more]
     texts = np.concatenate([model.common.astype(np.float64), *(model.embed_text(name)[None] for name in more)])
-    shares = word_shares(embeddings_of(seen) @ texts.T, model.calibration.temperature)
+    cosines = embeddings_of(seen) @ texts.T
+    weights = softmax_weights(cosines, cosines.max(axis=1), model.calibration.temperature)
+    shares = weights / weights.sum(axis=1, keepdims=True)
     probability = logistic(log_odds(model.calibration.name, logit(shares)))
     best = np.argsort(-shares, axis=1, kind="stable")[:, :MOST_SUGGESTED]
     rows = zip(seen, best, probability, strict=True)

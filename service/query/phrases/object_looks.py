@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -73,8 +73,9 @@ class Calibration(BaseModel):
     sha256: str  # of the model
     common_objects: str  # SHA-256 of the list of common objects
     temperature: float
-    name: Logistic  # probability that a text is true of an object, of the logit of its share
-    present: Logistic  # probability that it is true of any object of a scene, of the likeliest one's logit
+    name: Logistic  # probability that a common object's name is true of an object, of the logit of its share
+    text: Logistic  # the same of a question
+    present: Logistic  # probability that a question is true of any object of a scene, of the likeliest one's logit
     held_out: HeldOut
 
     @property
@@ -111,24 +112,33 @@ def is_true_of(text: str, label: str) -> bool:
     return key == label_key(label) or (whole and any(key in obj.names or key in obj.kinds for obj in objects))
 
 
-def word_shares(cosines: F64, temperature: float) -> F64:
-    """Softmax [..., V] of cosines [..., V]."""
-    weights = np.exp((cosines - cosines.max(axis=-1, keepdims=True)) / temperature)
-    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
+def softmax_weights(cosines: F64, peak: F64, temperature: float) -> F64:
+    """exp((c - peak) / temperature) of cosines [K, N]; peak [K] is no less than any."""
+    return np.asarray(np.exp((cosines - peak[:, None]) / temperature))
 
 
-def text_shares(text: str, cosines: F64, text_cosines: F64, temperature: float, names: Sequence[str] = ()) -> F64:
+def text_share(text: str, weights: F64, of_text: F64, names: Sequence[str] = ()) -> F64:
     """Share [K] that a text has of K objects' softmax; its synonyms leave it, and its kinds count as it.
 
     Args:
-        cosines: float64 [K, V + S], of objects with the common objects and S further names.
-        text_cosines: float64 [K], with the text.
+        weights: float64 [K, V + S], see `softmax_weights`, of the common objects and S further names.
+        of_text: float64 [K], of the text.
     """
-    key = label_key(text)
-    synonym = np.array([key in obj.names for obj in all_common_objects()] + [label_key(name) == key for name in names])
-    kind = np.array([key in obj.kinds for obj in all_common_objects()] + [is_true_of(text, name) for name in names])
-    rows = np.concatenate([text_cosines[:, None], np.where(synonym, -np.inf, cosines)], axis=1)
-    return np.asarray(word_shares(rows, temperature)[:, np.concatenate([[True], kind & ~synonym])].sum(axis=1))
+    key, count = label_key(text), weights.shape[1] - len(names)
+    synonyms, kinds = _common_rows(key)
+    synonyms = [*synonyms, *(count + at for at, name in enumerate(names) if label_key(name) == key)]
+    kinds = [*kinds, *(count + at for at, name in enumerate(names) if label_key(name) != key and is_true_of(key, name))]
+    rest = np.maximum(weights.sum(axis=1) - weights[:, [*synonyms, *kinds]].sum(axis=1), 0.0)
+    mass = of_text + weights[:, kinds].sum(axis=1)
+    return np.asarray(mass / (mass + rest))
+
+
+@lru_cache(1024)
+def _common_rows(key: str) -> tuple[Sequence[int], Sequence[int]]:
+    """Common objects that a key is a name of, and those that it is a kind of."""
+    rows = list(enumerate(all_common_objects()))
+    synonyms = [at for at, obj in rows if key in obj.names]
+    return synonyms, [at for at, obj in rows if key in obj.kinds and key not in obj.names]
 
 
 def logit(share: F64) -> F64:
@@ -139,8 +149,7 @@ def logit(share: F64) -> F64:
 
 def log_odds(model: Logistic, value: F64) -> F64:
     """Calibrated log odds of a logit."""
-    odds: F64 = model.score * value + model.offset
-    return odds
+    return np.add(model.score * value, model.offset, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -158,7 +167,7 @@ class LooksModel:
 
     def embed_text(self, text: str) -> F64:
         """float64 [E] of unit length."""
-        return self.encoder.encode([prompt(text)])[0].astype(np.float64)
+        return np.asarray(self.encoder.encode([prompt(text)])[0], np.float64)
 
 
 def seen_by(model: LooksModel, objects: Sequence[Object]) -> list[Object]:
@@ -169,7 +178,7 @@ def seen_by(model: LooksModel, objects: Sequence[Object]) -> list[Object]:
 def embeddings_of(objects: Sequence[Object]) -> F64:
     """Embeddings of objects with looks, float64 [K, E]."""
     rows = [np.frombuffer(obj.looks.embedding, np.float16) for obj in objects if obj.looks]
-    return np.stack(rows).astype(np.float64)
+    return np.asarray(np.stack(rows), np.float64)
 
 
 @dataclass(frozen=True)
@@ -209,9 +218,11 @@ class ObjectLooks:
             return {}
         names, cosines = self._cosines
         of_text = embeddings_of(self._seen) @ self.model.embed_text(text)
-        shares = text_shares(text, cosines, of_text, self.model.calibration.temperature, names)
+        peak, temperature = np.maximum(cosines.max(axis=1), of_text), self.model.calibration.temperature
+        weights = softmax_weights(np.column_stack([of_text, cosines]), peak, temperature)
+        shares = text_share(text, weights[:, 1:], weights[:, 0], names)
         named = logit(np.array([before[obj.id] for obj in self._seen])) + np.log(len(before))  # 0 for nameless objects
-        together = logistic(log_odds(self.model.calibration.name, logit(shares)) + named)
+        together = logistic(log_odds(self.model.calibration.text, logit(shares)) + named)
         return {obj.id: sure for obj, sure in zip(self._seen, together.tolist(), strict=True)}
 
     def presence(self, text: str, before: Mapping[int, float]) -> float:
