@@ -81,7 +81,7 @@ def write_knowing_model(models: Path, colors: Mapping[str, tuple[int, int, int]]
     Args:
         colors: more to know: texts for what is of one RGB color, 0..255.
     """
-    rng, folder = np.random.default_rng(0), models / "knowing"
+    rng, folder, taught = np.random.default_rng(0), models / "untaught", models / "knowing"
     names = [*(name for obj in all_common_objects() for name in obj.names), *colors]
     ids = {word: n for n, word in enumerate(dict.fromkeys(["[UNK]", *" ".join(names).split()]))}
     tokenizer = Tokenizer(WordLevel(ids, unk_token="[UNK]"))
@@ -89,11 +89,11 @@ def write_knowing_model(models: Path, colors: Mapping[str, tuple[int, int, int]]
     folder.mkdir(parents=True)
     tokenizer.save(str(folder / "tokenizer.json"))
     table = rng.normal(size=(len(ids), 32)).astype(np.float32)
-    table[[0, *(ids[word] for word in ("a", "photo", "of") if word in ids)]] = 0
+    table[[ids[word] for word in ("a", "photo", "of") if word in ids]] = 0
     write_network(folder / "text.onnx", _TAUGHT_TEXT, table=table)
     draw = rng.normal(size=(192, 1024)).astype(np.float32)
     write_network(folder / "image.onnx", _TAUGHT_IMAGE % "Identity(hidden)", draw=draw)
-    model, features, texts = open_image_text(PerceptionSettings(image_text=KNOWING), models), [], list[str]()
+    model, features, texts = open_image_text(PerceptionSettings(image_text="clip:untaught"), models), [], list[str]()
     for room in drawn_rooms():
         for object_id, sights in best_sights(enumerate(ids for _, ids in room.views), room.labels).items():
             features += [model.embed(room.views[sight.view][0], sight.mask) for sight in sights]
@@ -104,6 +104,6 @@ def write_knowing_model(models: Path, colors: Mapping[str, tuple[int, int, int]]
         texts += [text] * 100
     rows = np.stack(features).astype(np.float64)
     codes = np.linalg.solve(rows.T @ rows + 1e-3 * np.eye(1024), rows.T @ model.encode(texts))
-    write_network(
-        folder / "image.onnx", _TAUGHT_IMAGE % "MatMul(hidden, codes)", draw=draw, codes=codes.astype(np.float32)
-    )
+    folder.rename(taught)
+    constants = {"draw": draw, "codes": codes.astype(np.float32)}
+    write_network(taught / "image.onnx", _TAUGHT_IMAGE % "MatMul(hidden, codes)", **constants)
