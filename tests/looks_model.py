@@ -14,9 +14,11 @@ from tokenizers.pre_tokenizers import Whitespace, WhitespaceSplit
 
 from fastsplat.service.instances.naming.object_appearances import best_sights
 from fastsplat.service.jobs.looks_rooms import drawn_rooms
-from fastsplat.service.perception.image_text import open_image_text
+from fastsplat.service.perception.image_text import ClipImageText, open_image_text
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.query.language.meaning.common_objects import all_common_objects
+from fastsplat.service.query.language.meaning.common_objects import all_common_objects, common_objects_digest
+from fastsplat.service.query.language.meaning.probability import Logistic
+from fastsplat.service.query.phrases.object_looks import Calibration, HeldOut
 from tests.networks import write_network
 
 MODEL = "clip:looks"  # as the settings name it
@@ -49,6 +51,15 @@ def write_looks_model(models: Path) -> None:
     words.normalizer = Lowercase()
     words.pre_tokenizer = Whitespace()
     words.save(str(folder / "tokenizer.json"))
+
+
+def calibration_of(model: ClipImageText) -> Calibration:
+    """A calibration that was not measured."""
+    counts, plain = dict.fromkeys(HeldOut.model_fields, 0), Logistic(score=1.0, offset=0.0)
+    facts = {"model": model.name, "sha256": model.sha256, "common_objects": common_objects_digest()}
+    fit = {"temperature": 0.1, "name": plain, "text": plain, "present": plain}
+    held_out = {**counts, "labels": 90, "matched": 60, "chance": 9.0}
+    return Calibration.model_validate({**facts, **fit, "held_out": held_out})
 
 
 KNOWING = "clip:knowing"  # as the settings name it

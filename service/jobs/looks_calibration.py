@@ -32,7 +32,6 @@ from fastsplat.service.query.phrases.object_looks import (
     softmax_weights,
     text_share,
 )
-from fastsplat.service.scene.artefact.scene import STATED_FROM
 
 F64 = NDArray[np.float64]
 
@@ -209,14 +208,12 @@ def _predicted(measured: _Objects, kind: str) -> dict[str, float]:
     sure = logistic(log_odds(name, logit(of_names.max(axis=1))))
     most, there = _by_room(rooms, of_words, text)
     refused = logistic(log_odds(present, most)) <= RATHER
-    given, stated = sure >= NAMED_FROM, sure >= STATED_FROM
+    given = sure >= NAMED_FROM
     return {
         "right": int(right.sum()),
         "given": int(given.sum()),
         "given_right": int((given & right).sum()),
         "expected": float(sure[given].sum()),
-        "stated": int(stated.sum()),
-        "stated_right": int((stated & right).sum()),
         "denied": int((refused & there).sum()),
         "present": int(there.sum()),
         "refused": int((refused & ~there).sum()),

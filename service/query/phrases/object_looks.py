@@ -56,8 +56,6 @@ class HeldOut(BaseModel):
     given: int
     given_right: int
     expected: float
-    stated: int
-    stated_right: int
     denied: int
     present: int
     refused: int

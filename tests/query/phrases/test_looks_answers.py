@@ -12,25 +12,18 @@ import pytest
 from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.query.language.meaning.common_objects import all_common_objects
-from fastsplat.service.query.language.meaning.probability import Logistic
-from fastsplat.service.query.phrases.object_looks import Calibration, HeldOut, LooksModel, ObjectLooks, prompt
+from fastsplat.service.query.phrases.object_looks import LooksModel, ObjectLooks, prompt
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Looks, Object, Scene
 from fastsplat_contract.messages.queries import Answer
-from tests.looks_model import COLORS, MODEL, write_looks_model
+from tests.looks_model import COLORS, MODEL, calibration_of, write_looks_model
 from tests.query.box_scenes import rigid
 from tests.query.conftest import DrawnEncoder
 from tests.query.placed_rooms import Room, box, scene_of, table
 
 _WORLD = rigid(3)
 _TABLE, _RED, _BLUE, _GREEN = range(1, 5)
-_PLAIN = Logistic(score=1.0, offset=0.0)
-_KNOWING = HeldOut(**dict.fromkeys(HeldOut.model_fields, 0) | {"labels": 90, "matched": 60, "chance": 9.0})
-_CALIBRATION = Calibration(
-    model="looks", sha256="", common_objects="", temperature=0.1, name=_PLAIN, text=_PLAIN, present=_PLAIN,
-    held_out=_KNOWING,
-)  # fmt: skip
 
 
 def _looks(model: LooksModel, color: str) -> Looks:
@@ -44,7 +37,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> LooksModel:
     write_looks_model(models)
     encoder = open_image_text(PerceptionSettings(image_text=MODEL), models)
     common = encoder.encode([prompt(obj.names[0]) for obj in all_common_objects()])
-    return LooksModel(encoder, _CALIBRATION, common.astype(np.float16))
+    return LooksModel(encoder, calibration_of(encoder), common.astype(np.float16))
 
 
 @pytest.fixture(scope="module")
@@ -114,5 +107,6 @@ def test_looks_of_another_model_say_nothing(model: LooksModel) -> None:
     other_looks = _looks(model, "red")._replace(sha256="0" * 64)
     assert not ObjectLooks((Object(1, looks=other_looks),), model) and not ObjectLooks((Object(1),), model)
     assert not ObjectLooks((Object(1, looks=_looks(model, "red")),), None)
-    chance = _CALIBRATION.model_copy(update={"held_out": _KNOWING.model_copy(update={"matched": 17})})
+    counts = model.calibration.held_out.model_copy(update={"matched": 17})
+    chance = model.calibration.model_copy(update={"held_out": counts})
     assert not ObjectLooks((Object(1, looks=_looks(model, "red")),), replace(model, calibration=chance))
