@@ -58,7 +58,7 @@ def calibration_of(model: ClipImageText) -> Calibration:
     counts, plain = dict.fromkeys(HeldOut.model_fields, 0), Logistic(score=1.0, offset=0.0)
     facts = {"model": model.name, "sha256": model.sha256, "common_objects": common_objects_digest()}
     fit = {"temperature": 0.1, "name": plain, "text": plain, "present": plain}
-    held_out = {**counts, "labels": 90, "matched": 60, "chance": 9.0}
+    held_out = {**counts, "rooms": 9, "labels": 90, "matched": 60}
     return Calibration.model_validate({**facts, **fit, "held_out": held_out})
 
 

@@ -66,23 +66,12 @@ class _Objects:
 
     def shares(self, temperature: float) -> tuple[F64, F64]:
         """Shares of common objects [K, V] as names have them, and of words [K, W] as questions have them."""
-        weights, of_words = self._weights(temperature)
-        pairs = zip(self.words, of_words.T, strict=True)
-        words = np.stack([text_share(word, weights, row) for word, row in pairs], axis=1)
-        return weights / np.maximum(weights.sum(axis=1, keepdims=True), _TINY), words
-
-    def likelihoods(self, temperature: float) -> F64:
-        """Share [K] of each object's label."""
-        weights, of_words = self._weights(temperature)
-        shares = np.zeros(len(self.word))
-        for word in np.unique(self.word).tolist():
-            at = self.word == word
-            shares[at] = text_share(self.words[word], weights[at], of_words[at, word])
-        return shares
-
-    def _weights(self, temperature: float) -> tuple[F64, F64]:
         peak = np.maximum(self.cosines.max(axis=1), self.of_words.max(axis=1))
-        return softmax_weights(self.cosines, peak, temperature), softmax_weights(self.of_words, peak, temperature)
+        weights, of_words = (softmax_weights(rows, peak, temperature) for rows in (self.cosines, self.of_words))
+        total = weights.sum(axis=1)
+        pairs = zip(self.words, of_words.T, strict=True)
+        shares = np.stack([text_share(word, weights, total, row) for word, row in pairs], axis=1)
+        return weights / np.maximum(total, _TINY)[:, None], shares
 
 
 def calibrate_image_text(
@@ -104,8 +93,7 @@ def calibrate_image_text(
     found = [_predicted(measured, kind) for kind in sorted(set(measured.kind.tolist()))]
     counts = {key: sum(counts[key] for counts in found) for key in found[0]}
     temperature, name, text, present = _fitted(measured)
-    sizes = {"rooms": len(set(measured.room.tolist())), "objects": len(measured.room)}
-    held_out = HeldOut.model_validate({**sizes, **_matched(measured), **counts})
+    held_out = HeldOut.model_validate({**_matched(measured), **counts})
     facts = {"model": model.name, "sha256": model.sha256, "common_objects": common_objects_digest()}
     fit = {"temperature": temperature, "name": name, "text": text, "present": present}
     return Calibration.model_validate({**facts, **fit, "held_out": held_out}), common
@@ -159,8 +147,8 @@ def _fitted(measured: _Objects) -> tuple[float, Logistic, Logistic, Logistic]:
     """Temperature and models of names, texts and presence by maximum likelihood; presence has a prior of 1/2."""
 
     def loss(log_temperature: float) -> float:
-        shares = measured.likelihoods(math.exp(log_temperature))
-        return float(-(measured.weight * np.log(np.maximum(shares, _TINY))).sum())
+        shares = np.take_along_axis(measured.shares(math.exp(log_temperature))[1], measured.word[:, None], axis=1)
+        return float(-(measured.weight * np.log(np.maximum(shares[:, 0], _TINY))).sum())
 
     fit = minimize_scalar(loss, bounds=tuple(np.log(_TEMPERATURES)), method="bounded", options={"xatol": 0.02})
     temperature = math.exp(fit.x)
@@ -221,7 +209,7 @@ def _predicted(measured: _Objects, kind: str) -> dict[str, float]:
     }
 
 
-def _matched(measured: _Objects) -> dict[str, float]:
+def _matched(measured: _Objects) -> dict[str, int]:
     """Counts of a room's labels that are nearest to their objects among the room's labels."""
     matched, labels, rooms = 0, 0, np.unique(measured.room)
     for room in rooms:
@@ -231,4 +219,4 @@ def _matched(measured: _Objects) -> dict[str, float]:
         for word in here:
             scores = inside.of_words[inside.word == word][:, here].mean(axis=0)
             matched += int(here[scores.argmax()] == word)
-    return {"matched": matched, "labels": labels, "chance": float(len(rooms))}
+    return {"rooms": len(rooms), "objects": len(measured.room), "matched": matched, "labels": labels}

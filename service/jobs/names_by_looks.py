@@ -12,7 +12,6 @@ from fastsplat.service.instances.naming.second_look import add_names
 from fastsplat.service.query.language.meaning.common_objects import all_common_objects, common_objects
 from fastsplat.service.query.phrases.object_looks import (
     LooksModel,
-    embeddings_of,
     log_odds,
     logit,
     seen_by,
@@ -35,8 +34,7 @@ def named_by_looks(objects: Objects, model: LooksModel, names: Sequence[str]) ->
         return objects
     more = [name for name in names if not common_objects(name)[1]]
     words = [*(obj.names[0] for obj in all_common_objects()), *more]
-    texts = np.concatenate([model.common.astype(np.float64), *(model.embed_text(name)[None] for name in more)])
-    cosines = embeddings_of(seen) @ texts.T
+    cosines = model.cosines(seen, more)
     weights = softmax_weights(cosines, cosines.max(axis=1), model.calibration.temperature)
     shares = weights / weights.sum(axis=1, keepdims=True)
     probability = logistic(log_odds(model.calibration.name, logit(shares)))

@@ -7,6 +7,7 @@ import shutil
 import socket
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -150,19 +151,12 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
     if role == "image_text" and ready:
-        calibrated = _looks_measured(settings)
+        from fastsplat.service.query.phrases.looks_files import find_looks
+
+        with suppress(FastSplatError):  # as of an encoder
+            looks = find_looks(settings.perception, settings.models)
+            calibrated = looks is not None and looks.calibration.measured
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
-
-
-def _looks_measured(settings: Settings) -> bool | None:
-    """True if the image-text model's scores are calibrated; None if it cannot be opened."""
-    from fastsplat.service.query.phrases.looks_files import find_looks
-
-    try:
-        model = find_looks(settings.perception, settings.models)
-    except FastSplatError:
-        return None
-    return model is not None and model.calibration.measured
 
 
 def weighed_with_encoder(settings: Settings) -> bool:

@@ -37,8 +37,8 @@ class HeldOut(BaseModel):
     """Counts on rooms of kinds that set nothing.
 
     Attributes:
-        matched, labels, chance: labels of a room whose objects are nearest to them among the room's labels, of how
-            many, and how many by chance.
+        matched, labels: labels of a room whose objects are nearest to them among the room's labels, of how many; by
+            chance one a room.
         right: objects whose likeliest name is right.
         given, given_right, expected: names from `NAMED_FROM`, those right, and the sum of their probabilities.
         denied, present: words of objects that are there, of these said to be absent.
@@ -51,7 +51,6 @@ class HeldOut(BaseModel):
     objects: int
     matched: int
     labels: int
-    chance: float
     right: int
     given: int
     given_right: int
@@ -79,16 +78,15 @@ class Calibration(BaseModel):
     @property
     def measured(self) -> bool:
         """True if the model knows objects of rooms better than by chance, so that its figures mean something."""
-        counts = self.held_out
-        chance = counts.chance / max(counts.labels, 1)
-        return counts.matched - counts.chance > _SURE * math.sqrt(counts.labels * chance * (1 - chance))
+        rooms, labels = self.held_out.rooms, self.held_out.labels
+        return self.held_out.matched - rooms > _SURE * math.sqrt(rooms * (1 - rooms / labels))
 
     @property
     def summary(self) -> str:
         """One sentence for people."""
         counts = self.held_out
         if not self.measured:
-            found = f"{counts.matched} of {counts.labels} labels of drawn rooms, {counts.chance:.0f} by chance"
+            found = f"{counts.matched} of {counts.labels} labels of drawn rooms, {counts.rooms} by chance"
             return f"{self.model} is not calibrated: it matches {found}; it suggests names, and answers nothing"
         return (
             f"{self.model}, in {counts.rooms} drawn rooms that set nothing: {counts.right} of {counts.objects} objects "
@@ -115,18 +113,19 @@ def softmax_weights(cosines: F64, peak: F64, temperature: float) -> F64:
     return np.asarray(np.exp((cosines - peak[:, None]) / temperature))
 
 
-def text_share(text: str, weights: F64, of_text: F64, names: Sequence[str] = ()) -> F64:
+def text_share(text: str, weights: F64, total: F64, of_text: F64, names: Sequence[str] = ()) -> F64:
     """Share [K] that a text has of K objects' softmax; its synonyms leave it, and its kinds count as it.
 
     Args:
         weights: float64 [K, V + S], see `softmax_weights`, of the common objects and S further names.
+        total: float64 [K], their sums.
         of_text: float64 [K], of the text.
     """
     key, count = label_key(text), weights.shape[1] - len(names)
     synonyms, kinds = _common_rows(key)
     synonyms = [*synonyms, *(count + at for at, name in enumerate(names) if label_key(name) == key)]
     kinds = [*kinds, *(count + at for at, name in enumerate(names) if label_key(name) != key and is_true_of(key, name))]
-    rest = np.maximum(weights.sum(axis=1) - weights[:, [*synonyms, *kinds]].sum(axis=1), 0.0)
+    rest = np.maximum(total - weights[:, [*synonyms, *kinds]].sum(axis=1), 0.0)
     mass = of_text + weights[:, kinds].sum(axis=1)
     return np.asarray(mass / (mass + rest))
 
@@ -167,6 +166,11 @@ class LooksModel:
         """float64 [E] of unit length."""
         return np.asarray(self.encoder.encode([prompt(text)])[0], np.float64)
 
+    def cosines(self, objects: Sequence[Object], names: Sequence[str]) -> F64:
+        """float64 [K, V + S], of objects that it looked at with the common objects and S names."""
+        texts = [self.common.astype(np.float64), *(self.embed_text(name)[None] for name in names)]
+        return np.asarray(embeddings_of(objects) @ np.concatenate(texts).T)
+
 
 def seen_by(model: LooksModel, objects: Sequence[Object]) -> list[Object]:
     """Objects with an embedding by this very model."""
@@ -204,8 +208,7 @@ class ObjectLooks:
         """Names of the scene that no common object has, and cosines [K, V + S] of the objects with all of them."""
         assert self.model is not None
         names = tuple(sorted({obj.name for obj in self.objects if obj.name and not common_objects(obj.name)[1]}))
-        texts = [self.model.common.astype(np.float64), *(self.model.embed_text(name)[None] for name in names)]
-        return names, embeddings_of(self._seen) @ np.concatenate(texts).T
+        return names, self.model.cosines(self._seen, names)
 
     def likely(self, text: str, before: Mapping[int, float]) -> Mapping[int, float]:
         """Posterior probability, 0..1, that a noun phrase is true of each object with looks.
@@ -218,7 +221,7 @@ class ObjectLooks:
         of_text = embeddings_of(self._seen) @ self.model.embed_text(text)
         peak, temperature = np.maximum(cosines.max(axis=1), of_text), self.model.calibration.temperature
         weights = softmax_weights(np.column_stack([of_text, cosines]), peak, temperature)
-        shares = text_share(text, weights[:, 1:], weights[:, 0], names)
+        shares = text_share(text, weights[:, 1:], weights[:, 1:].sum(axis=1), weights[:, 0], names)
         named = logit(np.array([before[obj.id] for obj in self._seen])) + np.log(len(before))  # 0 for nameless objects
         together = logistic(log_odds(self.model.calibration.text, logit(shares)) + named)
         return {obj.id: sure for obj, sure in zip(self._seen, together.tolist(), strict=True)}
