@@ -7,7 +7,6 @@ import shutil
 import socket
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -151,11 +150,9 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
     if role == "image_text" and ready:
-        from fastsplat.service.query.phrases.looks_files import find_looks
+        from fastsplat.service.query.phrases.looks_files import is_measured
 
-        with suppress(FastSplatError):  # as of an encoder
-            looks = find_looks(settings.perception, settings.models)
-            calibrated = looks is not None and looks.calibration.measured
+        calibrated = is_measured(name, settings.models)
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
 
 

@@ -53,9 +53,20 @@ def find_looks(settings: PerceptionSettings, models: Path) -> LooksModel | None:
     """Opens the model of `settings.image_text` if it is here and calibrated, else None.
 
     Raises `ModelUnavailableError` if a file is damaged."""
-    if not has_files(settings.image_text, "image_text", models):
+    name = settings.image_text
+    if not has_files(name, "image_text", models) or not (_folder(name, models) / FACTS).is_file():
         return None
     return load_calibration(open_image_text(settings, models), models)
+
+
+def is_measured(name: str, models: Path) -> bool | None:
+    """True if a model's stored calibration was not refused; None if it is damaged. The model is not opened."""
+    try:
+        return Calibration.model_validate_json((_folder(name, models) / FACTS).read_text("utf-8")).measured
+    except FileNotFoundError:
+        return False
+    except (ValueError, OSError):
+        return None
 
 
 def _folder(name: str, models: Path) -> Path:
