@@ -83,7 +83,7 @@ def _named(
     regions = labelling.regions or [regions_of_label_map(label_map) for label_map in labelling.label_maps]
     used = [pair for pair in zip(capture.views, regions, strict=True) if pair[1].votes]
     votes = votes_of_views(objects, gaussians, used, len(names), settings, backend=backend)
-    return name_objects(objects, votes, names, "given" if labelling.exact else "detected")
+    return name_objects(objects, votes, names, "given" if labelling.exact else "detected", labelling.detector)
 
 
 @torch.no_grad()

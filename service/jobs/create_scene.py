@@ -19,10 +19,13 @@ from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
+from fastsplat.service.instances.naming.naming import is_calibrated
 from fastsplat.service.instances.naming.object_appearances import with_appearances
 from fastsplat.service.instances.naming.object_reads import with_reads
 from fastsplat.service.instances.scene_objects import find_scene_objects
+from fastsplat.service.jobs.names_by_looks import named_by_looks
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.image_text import find_image_text
@@ -37,6 +40,7 @@ from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import plan_perception
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
+from fastsplat.service.query.phrases.looks_files import load_calibration
 from fastsplat.service.scene.artefact.scene import Gaussians, Objects, Scene, SceneFacts, SemanticHead
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
@@ -225,15 +229,20 @@ def assemble_scene(
     """
     objects, gaussians = find_objects(trained, labelling, capture, settings, progress, described=described)
     learnt = labelling.learnt() is labelling and (objects is None or objects.head is None)
-    count, code = len(labelling.dictionary), gaussians.codes.shape[1]
-    progress(ProgressEvent("export", OBJECTS_SHARE, f"embedding {len(labelling.dictionary)} labels"))
+    dictionary, head = labelling.dictionary, trained.head
+    if not learnt:
+        head = SemanticHead.unlearnt(len(dictionary), gaussians.codes.shape[1])
+    for name in dict.fromkeys(obj.name for obj in (objects.table if objects else ()) if obj.name):
+        if dictionary.id_of(name) is None:  # by its looks, which no detector looked for
+            dictionary, head = Dictionary((*dictionary.entries, DictionaryEntry(name))), head.grown()
+    progress(ProgressEvent("export", OBJECTS_SHARE, f"embedding {len(dictionary)} labels"))
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     templates = settings.query.templates
     return Scene(
         gaussians=gaussians,
-        head=trained.head if learnt else SemanticHead.unlearnt(count, code),
-        dictionary=labelling.dictionary,
-        label_embeddings=embed_labels(labelling.dictionary, encoder, templates),
+        head=head,
+        dictionary=dictionary,
+        label_embeddings=embed_labels(dictionary, encoder, templates),
         text_encoder=(encoder.name, encoder.sha256),
         cameras=tuple(view.posed for view in capture.views),
         scale=capture.scale,
@@ -252,6 +261,9 @@ def scene_facts(
     """Collects origin and state of a scene; photo times only where photos are kept and nobody is redacted."""
     report, scale, vertical = capture.report, capture.report.scale, capture.report.vertical
     private = is_private(capture, settings)
+    unmeasured: tuple[str, ...] = ()
+    if labelling.regions and not is_calibrated(labelling.detector):
+        unmeasured = (f"the scores of {labelling.detector} are not measured: its names are suggestions",)
     times = {} if private else {v.posed.name: v.taken_at for v in capture.views if v.taken_at is not None}
     names = [entry.label for entry in labelling.dictionary.entries] if labelling.exact else labelling.searched
     return replace(
@@ -260,7 +272,7 @@ def scene_facts(
         splat=report.splat,
         tradeoffs=plan_facts.tradeoffs or (),
         stopped_early="stopped_at_share" in trained.quality,
-        warnings=(*report.warnings, *trained.warnings),
+        warnings=(*report.warnings, *trained.warnings, *unmeasured),
         unregistered=report.unregistered,
         left_out=report.left_out,
         withheld=report.withheld,
@@ -345,6 +357,8 @@ def find_objects(
     looks = None if private else find_image_text(settings.perception, models)
     if encoder or looks:
         objects = with_appearances(objects, gaussians, capture.views, encoder, side, looks=looks, backend=backend)
+    if looks and (model := load_calibration(looks, models)):
+        objects = named_by_looks(objects, model, [entry.label for entry in labelling.dictionary.entries])
     if not private:
         reader, on_view = find_reader(settings.perception, models), tell("reading", _READING_FROM, 1.0)
         objects = with_reads(objects, gaussians, capture.views, reader, side, on_view, backend=backend)

@@ -110,6 +110,7 @@ class Labelling:
     masks: tuple[ViewMasks | None, ...] = ()  # per view, masks without names; None, or empty, if not looked for
     searched: tuple[str, ...] | None = None  # names that a detector looked for; None if unknown, or no detector
     looked_at: tuple[int, ...] | None = None  # numbers of the views that a detector looked at; None as `searched`
+    detector: str = ""  # as the settings name it; "" if unknown, or none
 
     def __post_init__(self) -> None:
         assert len(self.regions) in (0, len(self.label_maps))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
@@ -184,8 +184,15 @@ class RankedQuery:
             color = objects().measures.color(object_id)
             return 0.0 if color is None else color.shares.get(name, 0.0)
 
+        def presence_by_looks(ranked: Ranked, nameless: Collection[int]) -> float | None:
+            from fastsplat.service.query.phrases.phrase_answers import meant_by_names
+
+            if not scene.looks or not scene.looks.ids.issuperset(nameless):
+                return None
+            return scene.looks.presence(ranked.noun_phrase, meant_by_names(ranked.answer, scene.names))
+
         def judged(ranked: Ranked) -> Ranked:
-            return with_absence_judged(ranked, scene.names, scene.vocabulary, color_share)
+            return with_absence_judged(ranked, scene.names, scene.vocabulary, color_share, presence_by_looks)
 
         if self._is_plain:
             return tuple(map(judged, self._ranked))

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fastsplat.service.application.admin.server_capabilities import _digest, page_addresses, weighed_with_encoder
 from fastsplat.service.application.service import open_service
+from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.text_encoders import open_text_encoder
+from fastsplat.service.query.language.meaning.common_objects import all_common_objects
+from fastsplat.service.query.phrases.looks_files import save_calibration
 from fastsplat.service.settings import QuotaSettings, Settings
 from tests.api.made_scene import ENCODER, write_words
-from tests.looks_model import MODEL, write_looks_model
+from tests.looks_model import MODEL, calibration_of, write_looks_model
 from tests.scenes import queued_job
 
 
@@ -56,12 +60,17 @@ def test_quotas_are_those_of_the_project_and_only_workers_that_live_count(tmp_pa
         assert project_status.project == "elsewhere" and all(quota.used == 0 for quota in project_status.quotas)
 
 
-def test_an_image_text_model_is_ready_and_not_calibrated(tmp_path: Path) -> None:
-    write_looks_model(tmp_path / "models")
-    perception = PerceptionSettings(image_text=MODEL)
-    with open_service(Settings(data_dir=tmp_path, models=tmp_path / "models", perception=perception)) as service:
-        (model,) = [model for model in service.status("operator", "").models if model.role == "image_text"]
-    assert (model.name, model.state, model.calibrated) == (MODEL, "ready", False)
+def test_an_image_text_model_is_ready_and_then_calibrated(tmp_path: Path) -> None:
+    models, perception, seen = tmp_path / "models", PerceptionSettings(image_text=MODEL), []
+    write_looks_model(models)
+    with open_service(Settings(data_dir=tmp_path, models=models, perception=perception)) as service:
+        for _ in range(2):
+            seen += [model for model in service.status("operator", "").models if model.role == "image_text"]
+            opened, common = open_image_text(perception, models), np.zeros((len(all_common_objects()), 3), np.float16)
+            save_calibration(calibration_of(opened), common, models)
+    assert [(model.name, model.state, model.calibrated) for model in seen] == [
+        (MODEL, "ready", calibrated) for calibrated in (False, True)
+    ]
 
 
 def test_an_encoder_that_comes_later_is_known_then(tmp_path: Path) -> None:

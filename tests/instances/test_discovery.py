@@ -15,7 +15,13 @@ from fastsplat.service.capture.build import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.instances.discovery.discovery import Discovery, discover_objects
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
-from fastsplat.service.instances.naming.naming import NAMED_FROM, NameVotes, name_objects, name_probability
+from fastsplat.service.instances.naming.naming import (
+    NAMED_FROM,
+    NameVotes,
+    name_model,
+    name_objects,
+    name_probability,
+)
 from fastsplat.service.instances.naming.object_appearances import with_appearances
 from fastsplat.service.instances.scene_objects import find_scene_objects, regions_of_label_map
 from fastsplat.service.perception.appearance import SIZE, open_appearance_encoder
@@ -32,6 +38,7 @@ from tests.looks_model import MODEL, write_looks_model
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
 UP = np.array([0.0, 0.0, 1.0])
+DETECTOR = name_model().detector
 PERCEPTION = PerceptionSettings(min_pixels=8, closer_look=False)
 
 Masks = tuple[ViewMasks | None, ...]
@@ -188,7 +195,7 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks)
         ids[label_map == 2], ids[label_map == 4] = 1, 2
         regions.append(Regions(ids, (((1 + number % 2, 0.9),), ((3, 0.8),))))
     maps = tuple(np.zeros_like(label_map) for label_map in room.maps)
-    labelling = Labelling(dictionary_of(("ball", "apple", "orange")), maps, regions=tuple(regions))
+    labelling = Labelling(dictionary_of(("ball", "apple", "orange")), maps, regions=tuple(regions), detector=DETECTOR)
     objects, _ = find_scene_objects(room.gaussians, room.capture, labelling, masks, SETTINGS)
     by_id = {obj.id: obj for obj in objects.table}
     best = _overlaps(objects, room.owner)
@@ -196,12 +203,14 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks)
     assert red.name == "" and {guess.name for guess in red.suggestions} == {"ball", "apple"}
     assert blue.name == "orange" and blue.source == "detected" and blue.probability >= NAMED_FROM
     assert green.name == "" and green.suggestions == ()
+    doubted, _ = find_scene_objects(room.gaussians, room.capture, replace(labelling, detector="x"), masks, SETTINGS)
+    assert not any(obj.name for obj in doubted.table) and any(obj.suggestions for obj in doubted.table)
 
 
 def test_a_name_by_a_person_outlives_votes() -> None:
     objects = Objects((Object(1, "Fritz", "person", 1.0), Object(2)), no_evidence(3))
     votes = NameVotes(np.array([[0.0, 5.0], [0.0, 5.0]]), np.array([5.0, 5.0]))
-    named = name_objects(objects, votes, ("cup",), "detected")
+    named = name_objects(objects, votes, ("cup",), "detected", DETECTOR)
     assert [obj.name for obj in named.table] == ["Fritz", "cup"]
 
 
@@ -210,8 +219,8 @@ def test_a_name_by_a_person_outlives_votes() -> None:
 def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], able: float) -> None:
     votes = NameVotes(np.array([[0.0, *scores]]), np.array([able]))
     objects = Objects((Object(1),), no_evidence(3))
-    (obj,) = name_objects(objects, votes, ("a", "b", "c", "d"), "detected").table
-    probability = name_probability(votes.mean_scores, ("a", "b", "c", "d"))[0, 1:]
+    (obj,) = name_objects(objects, votes, ("a", "b", "c", "d"), "detected", DETECTOR).table
+    probability = name_probability(votes.mean_scores, ("a", "b", "c", "d"), DETECTOR)[0, 1:]
     assert bool(obj.name) == (probability.max() >= NAMED_FROM)
     if obj.name:
         assert obj.probability == pytest.approx(probability.max())

@@ -17,6 +17,7 @@ from fastsplat.service.instances.naming.naming import (
 )
 from fastsplat.service.scene.artefact.scene import STATED_FROM
 
+_DETECTOR = name_model().detector
 _SCORES = st.lists(st.floats(0, 1), min_size=1, max_size=5)
 _NAMES = st.sampled_from(["cup", "banana", "book", "what no detector says"])
 
@@ -37,7 +38,7 @@ def test_the_file_says_what_it_was_measured_on() -> None:
 @given(_SCORES, _NAMES)
 def test_probabilities_are_such_and_nothing_is_likely_that_no_view_says(scores: list[float], name: str) -> None:
     row = np.array([[0.0, *scores]])
-    probability = name_probability(row, [name] * len(scores))
+    probability = name_probability(row, [name] * len(scores), _DETECTOR)
     assert ((probability >= 0) & (probability <= 1)).all() and (probability[row == 0] == 0).all()
 
 
@@ -46,10 +47,10 @@ def test_probabilities_are_such_and_nothing_is_likely_that_no_view_says(scores: 
 def test_a_second_name_makes_the_first_less_likely_and_a_higher_score_more(
     score: float, rival_score: float, name: str
 ) -> None:
-    alone = name_probability(np.array([[0.0, score]]), [name])[0, 1]
-    beside = name_probability(np.array([[0.0, score, rival_score]]), [name, "another"])[0, 1]
+    alone = name_probability(np.array([[0.0, score]]), [name], _DETECTOR)[0, 1]
+    beside = name_probability(np.array([[0.0, score, rival_score]]), [name, "another"], _DETECTOR)[0, 1]
     assert beside <= alone + 1e-12
-    assert name_probability(np.array([[0.0, score / 2]]), [name])[0, 1] <= alone + 1e-12
+    assert name_probability(np.array([[0.0, score / 2]]), [name], _DETECTOR)[0, 1] <= alone + 1e-12
 
 
 def test_a_name_that_was_right_elsewhere_is_no_more_than_a_guess_without_evidence_of_its_own() -> None:
@@ -64,5 +65,12 @@ def test_a_name_that_was_right_elsewhere_is_no_more_than_a_guess_without_evidenc
 def test_the_evidence_of_one_name_alone_is_its_mean_score() -> None:
     scores = np.array([[0.0, 0.6, 0.0], [0, 0, 0], [0, 0.4, 0.4]])
     np.testing.assert_allclose(name_evidence(scores), [[0, 0.6, 0], [0, 0, 0], [0, 0.2, 0.2]])
-    first, nothing, twice = name_probability(scores, ["banana", "banana"])
+    first, nothing, twice = name_probability(scores, ["banana", "banana"], _DETECTOR)
     assert first[1] > twice[1] == pytest.approx(twice[2]) and not nothing.any()
+
+
+@pytest.mark.parametrize("detector", ["", "picodet:mine", "grounding_dino_tiny"])
+def test_what_was_measured_of_one_detector_says_nothing_of_another(detector: str) -> None:
+    scores = np.array([[0.0, 1.0, 0.0], [0.0, 0.2, 0.0]])
+    assert name_probability(scores, ["banana", "cup"], _DETECTOR)[0, 1] >= NAMED_FROM
+    np.testing.assert_allclose(name_probability(scores, ["banana", "cup"], detector), [[0, 0.5, 0], [0, 0.2, 0]])

@@ -151,7 +151,9 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
     if role == "image_text" and ready:
-        calibrated = False  # scores of such models are not calibrated
+        from fastsplat.service.query.phrases.looks_files import is_measured
+
+        calibrated = is_measured(name, settings.models)
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
 
 

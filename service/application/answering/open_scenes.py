@@ -25,6 +25,7 @@ from fastsplat_contract.messages.scenes import SceneState
 if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
     from fastsplat.service.perception.results import TextEncoder
+    from fastsplat.service.query.phrases.object_looks import LooksModel
 
 _TRIES = 3
 _COPIES = 2
@@ -46,6 +47,7 @@ class OpenScenes:
         )
         self._encoders: dict[str, TextEncoder] = {}
         self._lexicons: dict[str, Lexicon] = {}
+        self._looks_models: dict[str, LooksModel] = {}
         self._caches: dict[str, TextCaches] = {}
         self._encoder_lock = threading.Lock()
 
@@ -150,7 +152,7 @@ class OpenScenes:
         """Index of a scene that is not stored or cached."""
         encoder = self._encoder(scene.text_encoder[0])
         caches = self._caches_of(encoder)
-        return SceneIndex(scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches)
+        return SceneIndex(scene, encoder, self._settings.query, None, self._lexicon(), caches, self._looks())
 
     def _encoder(self, name: str) -> TextEncoder:
         from fastsplat.service.perception.text.text_encoders import open_text_encoder
@@ -174,6 +176,17 @@ class OpenScenes:
             if name not in self._lexicons and (opened := find_lexicon(name, self._settings.models)) is not None:
                 self._lexicons[name] = opened
             return self._lexicons.get(name)
+
+    def _looks(self) -> LooksModel | None:
+        if not (name := self._settings.perception.image_text):
+            return None
+        from fastsplat.service.query.phrases.looks_files import find_looks
+
+        with self._encoder_lock:
+            opened = self._looks_models.get(name) or find_looks(self._settings.perception, self._settings.models)
+            if opened is not None:
+                self._looks_models[name] = opened
+            return opened
 
 
 def asker_of(index: SceneIndex, request: QueryIn) -> F64 | None:

@@ -43,6 +43,7 @@ FILE = Path(__file__).with_name("name_calibration.json")
 _CERTAIN = 0.98  # evidence is clipped to this and its complement
 _CLEAR = 0.6  # below this evidence, probability is at most `_UNCLEAR_AT_MOST`
 _UNCLEAR_AT_MOST = 0.9
+_UNMEASURED_AT_MOST = 0.5  # probability by a detector whose scores were not measured, which so suggests only
 
 
 @dataclass(frozen=True)
@@ -101,12 +102,15 @@ def count_votes(
     return NameVotes(scores, np.maximum(able, (scores > 0).any(axis=1)), unmatched, voted)
 
 
-def name_objects(objects: Objects, votes: NameVotes, names: Sequence[str], source: NameSource) -> Objects:
+def name_objects(
+    objects: Objects, votes: NameVotes, names: Sequence[str], source: NameSource, detector: str
+) -> Objects:
     """Names objects from `NAMED_FROM`, otherwise suggests; names given by persons stay.
 
     The probability is `name_probability`; for exact label maps it is the share of views.
     """
-    probability = votes.mean_scores if source == "given" else name_probability(votes.mean_scores, names)
+    scores = votes.mean_scores
+    probability = scores if source == "given" else name_probability(scores, names, detector)
     table = tuple(
         obj if obj.source == "person" else _named(obj, row, names, source)
         for obj, row in zip(objects.table, probability, strict=True)
@@ -175,16 +179,25 @@ def name_evidence(scores: F64) -> F64:
     return np.asarray(scores * np.divide(scores, total, out=np.zeros_like(scores), where=total > 0))
 
 
-def name_probability(scores: F64, names: Sequence[str]) -> F64:
+def is_calibrated(detector: str) -> bool:
+    """True if a detector is the one whose scores were measured."""
+    return detector == name_model().detector
+
+
+def name_probability(scores: F64, names: Sequence[str], detector: str) -> F64:
     """Calibrated probability of labels, float64 [T, N + 1], 0..1; 0 without votes.
+
+    Of another detector than the measured one it is the evidence, at most one half.
 
     Args:
         scores: see `name_evidence`; [:, 0] is 0.
         names: of labels 1..N.
     """
-    probability = np.zeros_like(scores)
-    probability[:, 1:] = name_model().probability(name_evidence(scores)[:, 1:], names)
-    return np.where(scores > 0, probability, 0.0)
+    evidence = name_evidence(scores)
+    if not is_calibrated(detector):
+        return np.minimum(evidence, _UNMEASURED_AT_MOST)
+    evidence[:, 1:] = name_model().probability(evidence[:, 1:], names)
+    return np.where(scores > 0, evidence, 0.0)
 
 
 @cache

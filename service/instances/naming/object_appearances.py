@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -30,10 +30,10 @@ _ALPHA_MIN = 0.5
 
 
 @dataclass(frozen=True)
-class _Sight:
+class Sight:
     """An object in a view."""
 
-    worth: float
+    worth: float  # pixels, less if the picture's edge cuts it off
     view: int
     mask: NDArray[np.bool_] = field(repr=False)
 
@@ -57,7 +57,8 @@ def with_appearances(
         max_side: pixels of the rendered image's longer side.
         looks: computes embeddings; None: no looks.
     """
-    best = _best_sights(objects, gaussians, views, max_side, backend)
+    owners = _drawn_owners(objects, gaussians, views, max_side, backend)
+    best = best_sights(owners, [obj.id for obj in objects.table])
     features: dict[int, list[NDArray[np.float32]]] = {obj: [] for obj in best}
     embeddings: dict[int, list[NDArray[np.float32]]] = {obj: [] for obj in best}
     pictures: dict[int, bytes] = {}
@@ -79,36 +80,48 @@ def with_appearances(
             appearance = descriptor_of(features[obj.id]).tobytes()
             obj = replace(obj, appearance=appearance, picture=pictures[obj.id])
         if looks is not None and embeddings.get(obj.id):
-            mean = np.mean(embeddings[obj.id], axis=0)
-            embedding = (mean / np.linalg.norm(mean)).astype(np.float16).tobytes()
-            obj = replace(obj, looks=Looks(looks.sha256, embedding))
+            obj = replace(obj, looks=Looks(looks.sha256, pooled_embedding(embeddings[obj.id]).tobytes()))
         return obj
 
     return replace(objects, table=tuple(map(described, objects.table)))
 
 
-def _best_sights(
+def _drawn_owners(
     objects: Objects, gaussians: Gaussians, views: Sequence[View], max_side: int, backend: Backend
-) -> Mapping[int, Sequence[_Sight]]:
-    """Maps object ids to their best views, the best first."""
+) -> Iterator[tuple[int, NDArray[np.integer]]]:
     device = device_of(backend)
-    splats = splats_of(gaussians, device=device)
-    classes = max((obj.id for obj in objects.table), default=0) + 1
-    blend = objects_blend(objects, gaussians.codes, device)
-    sights: dict[int, list[_Sight]] = {}
+    splats, blend = splats_of(gaussians, device=device), objects_blend(objects, gaussians.codes, device)
     for number in spread(len(views), _MAX_VIEWS):
         camera = training_size(views[number].posed.camera, max_side)
         viewmat = torch.from_numpy(views[number].posed.camera_from_world().astype(np.float32)).to(device)
         drawn = blend.render(splats, viewmat, camera, alpha_min=_ALPHA_MIN, relevancy=None, backend=backend)
-        owner = drawn.classes.cpu().numpy()
-        areas = np.bincount(owner.ravel(), minlength=classes)
+        yield number, drawn.classes.cpu().numpy()
+
+
+def best_sights(
+    owners: Iterable[tuple[int, NDArray[np.integer]]], object_ids: Iterable[int]
+) -> Mapping[int, Sequence[Sight]]:
+    """Maps object ids to their best views, the best first.
+
+    Args:
+        owners: numbers of views, with the object id of each pixel [H, W], 0 for none.
+    """
+    sights: dict[int, list[Sight]] = {object_id: [] for object_id in object_ids}
+    for number, owner in owners:
+        areas = np.bincount(owner.ravel(), minlength=max(sights, default=0) + 1)
         edge = {*owner[0], *owner[-1], *owner[:, 0], *owner[:, -1]}
-        for obj in objects.table:
-            if areas[obj.id] >= _LEAST_SHARE * owner.size:
-                worth = float(areas[obj.id]) * (_CUT_OFF if obj.id in edge else 1.0)
-                seen = [*sights.get(obj.id, ()), _Sight(worth, number, owner == obj.id)]
-                sights[obj.id] = sorted(seen, key=lambda sight: -sight.worth)[:_BEST]
-    return sights
+        for object_id, before in sights.items():
+            if areas[object_id] >= _LEAST_SHARE * owner.size:
+                worth = float(areas[object_id]) * (_CUT_OFF if object_id in edge else 1.0)
+                found = [*before, Sight(worth, number, owner == object_id)]
+                sights[object_id] = sorted(found, key=lambda sight: -sight.worth)[:_BEST]
+    return {object_id: found for object_id, found in sights.items() if found}
+
+
+def pooled_embedding(embeddings: Sequence[NDArray[np.float32]]) -> NDArray[np.float16]:
+    """Mean of an object's embeddings [E] over its views, float16 [E] of unit length."""
+    mean = np.mean(embeddings, axis=0)
+    return np.asarray(mean / np.linalg.norm(mean), np.float16)
 
 
 def _enlarged(mask: NDArray[np.bool_], size: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -117,7 +117,8 @@ def label_capture(
 
     def labelled() -> Labelling:
         found, looked = maps.labelling(expected=bool(labels)), tuple(positions)
-        return replace(found, masks=tuple(proposed), searched=detector.searched, looked_at=looked)
+        name = settings.open_set_detector or settings.closed_set_detector
+        return replace(found, masks=tuple(proposed), searched=detector.searched, looked_at=looked, detector=name)
 
     segmented = views_to_segment(resolved.objects, proposing) if masks else set(range(len(positions)))
     order = [positions.index(number) for number in covering_order(capture, positions)]

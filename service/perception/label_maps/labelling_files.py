@@ -45,6 +45,7 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
                 "exact": labelling.exact,
                 "votes": [view.votes for view in labelling.regions],
                 "searched": labelling.searched,
+                "detector": labelling.detector,
                 "masks": [masks is not None for masks in labelling.masks],
                 "entries": [asdict(entry) for entry in labelling.dictionary.entries],
             },
@@ -104,7 +105,7 @@ def load_labelling(directory: Path) -> Labelling:
         searched = None if names is None else tuple(str(name) for name in names)
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error
-    return Labelling(dictionary, tuple(maps), exact, regions, masks, searched)
+    return Labelling(dictionary, tuple(maps), exact, regions, masks, searched, str(index.get("detector", "")))
 
 
 def _masks_name(number: int) -> str:

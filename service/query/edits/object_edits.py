@@ -8,12 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.edits.edited_rows import edited_label
 from fastsplat.service.query.objects.names.look_alikes import with_look_alikes
-from fastsplat.service.scene.artefact.scene import Object, Objects, ObjectScene, Scene, SceneT, SemanticHead
+from fastsplat.service.scene.artefact.scene import Object, Objects, ObjectScene, Scene, SceneT
 from fastsplat.service.scene.objects.objects import checked_name, discard_object, merge_objects
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.messages.scenes import Edit
@@ -23,8 +21,6 @@ if TYPE_CHECKING:
 
 MAX_ALIASES = 20
 """Per name and edit."""
-_NEVER = -1e4
-"""Logit of a label that no code has learned."""
 
 
 def edit_objects(index: SceneIndex, edit: Edit, seen: Objects | None, before: Objects) -> Scene:
@@ -143,7 +139,7 @@ def with_label(
     label_id = scene.dictionary.id_of(text)
     if label_id is None:
         entries.append(DictionaryEntry(text))
-        scene = index.with_label(scene, entries[-1], _grown(scene.head))
+        scene = index.with_label(scene, entries[-1], scene.head.grown())
     entry = entries[label_id - 1 if label_id else -1]
     for place, alias in alias_words:
         owner = Dictionary(tuple(entries)).id_of(alias)
@@ -157,11 +153,3 @@ def with_label(
                 hint="Leave the alias out, or give the objects that other name.",
             )
     return replace(scene, dictionary=Dictionary(tuple(entries))), entry.label
-
-
-def _grown(head: SemanticHead) -> SemanticHead:
-    """Adds a row to W that no code activates."""
-    return SemanticHead(
-        np.concatenate([head.weight, np.zeros((1, head.weight.shape[1]), np.float32)]),
-        np.append(head.bias, np.float32(_NEVER)).astype(np.float32),
-    )

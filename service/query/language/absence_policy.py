@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -118,14 +118,23 @@ def found_share(word: str) -> float:
 
 
 def with_absence_judged(
-    ranked: Ranked, names: ObjectNames, vocabulary: Vocabulary, color_share: Callable[[int, str], float]
+    ranked: Ranked,
+    names: ObjectNames,
+    vocabulary: Vocabulary,
+    color_share: Callable[[int, str], float],
+    presence_by_looks: Callable[[Ranked, Collection[int]], float | None],
 ) -> Ranked:
     """Decides between "not here" and "cannot say" if nothing bears the name.
 
     The prior for an object being here is 1/2. It can be a nameless object of fitting size; if there is none, it is not
     here. If the models could have said its name, they missed it with probability m = 1 - `found_share`, so it is not
-    here with the probability 1 / (1 + m). Otherwise it cannot be said. `color_share` is the share 0..1 of an object
-    clearly of a color."""
+    here with the probability 1 / (1 + m). Where a calibrated image-text model looked at all nameless objects that fit,
+    it says how probable any known word is. Otherwise it cannot be said.
+
+    Args:
+        color_share: share 0..1 of an object clearly of a color.
+        presence_by_looks: probability 0..1 that anything here looks so, of nameless objects; None: not measured.
+    """
     answer, remarks = ranked.answer, ranked.remarks
     text = ranked.noun_phrase
     if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(text))):
@@ -140,11 +149,16 @@ def with_absence_judged(
     nothing, remarks = replace(answer, matches=matches, relation_subject=None), replace(remarks, other_object=False)
     word = vocabulary.word_for(text)
     seen = names.labels.id_of(word) if word else None
+    presence: float | None = None
     if word and not (seen and names.labels.entries[seen - 1].views):
         missed = 1.0 - found_share(word)
-        presence = None if answer.presence is None else missed / (1.0 + missed)
-        sure = None if presence is None else 1.0 - presence
-        absent = replace(nothing, presence=presence, probability=sure, object_ids=(), relation="absent")
+        presence = missed / (1.0 + missed)
+    elif vocabulary.class_of(text) or vocabulary.knows(text):
+        presence = presence_by_looks(ranked, [obj.id for obj in fitting])
+    if presence is not None and presence <= RATHER:
+        absent = replace(nothing, probability=None, object_ids=(), relation="absent")
+        if answer.presence is not None:
+            absent = replace(absent, presence=presence, probability=1.0 - presence)
         return replace(ranked, answer=absent, verdict="absent", standing=frozenset(), remarks=remarks)
     colors = (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", answer.text.lower()))
     likely = unnamed_probability(names.searched)

@@ -121,11 +121,7 @@ def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: Asked
     answer, objects = plain.answer, scene.objects
     if not scene.looks or not _is_unnamed(plain) or not _is_of_looks(question, plain):
         return plain
-    by_label = {match.label_id: match.probability for match in answer.matches}
-    unknown = 1.0 / (1 + len(objects.present))
-    meant = {obj.id: by_label.get(objects.dictionary.id_of(obj.name) or 0) for obj in objects.present}
-    before = {object_id: unknown if likely is None else likely for object_id, likely in meant.items()}
-    likely = scene.looks.likely(noun_phrase(answer.text), before)
+    likely = scene.looks.likely(noun_phrase(answer.text), meant_by_names(answer, objects))
     ordered = sorted(likely, key=lambda object_id: -likely[object_id])
     ids = tuple(object_id for object_id in ordered if likely[object_id] >= RATHER)
     related = answer.probability or 0.0 if plain.verdict in _CLOSE else 0.0
@@ -133,6 +129,14 @@ def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: Asked
         return plain
     about = replace(_about(answer, objects, ids), relation="related", phrase=None, probability=likely[ids[0]])
     return Ranked(about, "possible", remarks=Remarks(by_looks=True))
+
+
+def meant_by_names(answer: Answer, objects: ObjectNames) -> Mapping[int, float]:
+    """Probability of each object by the meaning of its name; uniform for nameless objects."""
+    by_label = {match.label_id: match.probability for match in answer.matches}
+    unknown = 1.0 / (1 + len(objects.present))
+    meant = {obj.id: by_label.get(objects.dictionary.id_of(obj.name) or 0) for obj in objects.present}
+    return {object_id: unknown if likely is None else likely for object_id, likely in meant.items()}
 
 
 def _is_of_looks(question: ParsedQuestion | None, plain: Ranked) -> bool:

@@ -75,6 +75,11 @@ class SemanticHead:
         """A zero head for N labels and codes of `code` dimensions."""
         return SemanticHead(np.zeros((labels + 1, code), np.float32), np.zeros(labels + 1, np.float32))
 
+    def grown(self) -> SemanticHead:
+        """Adds a label that no code activates."""
+        weight = np.concatenate([self.weight, np.zeros((1, self.weight.shape[1]), np.float32)])
+        return SemanticHead(weight, np.append(self.bias, np.float32(-1e4)).astype(np.float32))
+
 
 @dataclass(frozen=True)
 class Evidence:

@@ -11,20 +11,19 @@ import pytest
 
 from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.query.language.meaning.probability import Logistic
-from fastsplat.service.query.phrases.object_looks import LooksModel, ObjectLooks
+from fastsplat.service.query.language.meaning.common_objects import all_common_objects
+from fastsplat.service.query.phrases.object_looks import LooksModel, ObjectLooks, prompt
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Looks, Object, Scene
 from fastsplat_contract.messages.queries import Answer
-from tests.looks_model import COLORS, MODEL, write_looks_model
+from tests.looks_model import COLORS, MODEL, calibration_of, write_looks_model
 from tests.query.box_scenes import rigid
 from tests.query.conftest import DrawnEncoder
 from tests.query.placed_rooms import Room, box, scene_of, table
 
 _WORLD = rigid(3)
 _TABLE, _RED, _BLUE, _GREEN = range(1, 5)
-_RATIO = Logistic(score=8.0, lead=2.0, offset=-4.0)
 
 
 def _looks(model: LooksModel, color: str) -> Looks:
@@ -36,7 +35,9 @@ def _looks(model: LooksModel, color: str) -> Looks:
 def model(tmp_path_factory: pytest.TempPathFactory) -> LooksModel:
     models: Path = tmp_path_factory.mktemp("models")
     write_looks_model(models)
-    return LooksModel(open_image_text(PerceptionSettings(image_text=MODEL), models), _RATIO)
+    encoder = open_image_text(PerceptionSettings(image_text=MODEL), models)
+    common = encoder.encode([prompt(obj.names[0]) for obj in all_common_objects()])
+    return LooksModel(encoder, calibration_of(encoder), common.astype(np.float16))
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +98,7 @@ def test_looks_and_what_was_known_before_are_one_likelihood(model: LooksModel) -
     looks = ObjectLooks(objects, model)
     even = looks.likely("red", {1: 0.5, 2: 0.5, 3: 0.5})
     assert list(even) == [1, 2] and even[1] > 0.9 > 0.1 > even[2]
-    doubted = looks.likely("red", {1: 0.01, 2: 0.5})
+    doubted = looks.likely("red", {1: 0.01, 2: 0.5, 3: 0.5})
     odds = [probability / (1 - probability) for probability in (even[1], doubted[1])]
     assert odds[1] / odds[0] == pytest.approx(0.01 / 0.99, rel=1e-3)
 
@@ -106,3 +107,6 @@ def test_looks_of_another_model_say_nothing(model: LooksModel) -> None:
     other_looks = _looks(model, "red")._replace(sha256="0" * 64)
     assert not ObjectLooks((Object(1, looks=other_looks),), model) and not ObjectLooks((Object(1),), model)
     assert not ObjectLooks((Object(1, looks=_looks(model, "red")),), None)
+    counts = model.calibration.held_out.model_copy(update={"matched": 17})
+    chance = model.calibration.model_copy(update={"held_out": counts})
+    assert not ObjectLooks((Object(1, looks=_looks(model, "red")),), replace(model, calibration=chance))

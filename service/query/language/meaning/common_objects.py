@@ -5,6 +5,7 @@ looking at any list of questions."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -40,14 +41,27 @@ class CommonObject:
 
 
 @cache
+def all_common_objects() -> tuple[CommonObject, ...]:
+    """Objects of the list, in its order."""
+    rows = (line.split("|") for line in FILE.read_text("ascii").splitlines())
+    return tuple(
+        CommonObject((name.strip(), *_parts(aliases, ",")), frozenset(_parts(kinds, ",")), _parts(uses, ";"))
+        for name, aliases, kinds, uses in rows
+    )
+
+
+@cache
+def common_objects_digest() -> str:
+    """Hex SHA-256 of the list."""
+    return hashlib.sha256(FILE.read_bytes()).hexdigest()
+
+
+@cache
 def _by_name() -> dict[str, tuple[CommonObject, ...]]:
-    """Objects of the list by name."""
     found: dict[str, list[CommonObject]] = {}
-    for line in FILE.read_text("ascii").splitlines():
-        name, aliases, kinds, uses = line.split("|")
-        obj = CommonObject((name.strip(), *_parts(aliases, ",")), frozenset(_parts(kinds, ",")), _parts(uses, ";"))
-        for obj_name in obj.names:
-            found.setdefault(obj_name, []).append(obj)
+    for obj in all_common_objects():
+        for name in obj.names:
+            found.setdefault(name, []).append(obj)
     return {name: tuple(objects) for name, objects in found.items()}
 
 
