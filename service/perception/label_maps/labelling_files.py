@@ -105,7 +105,7 @@ def load_labelling(directory: Path) -> Labelling:
         searched = None if names is None else tuple(str(name) for name in names)
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error
-    return Labelling(dictionary, tuple(maps), exact, regions, masks, searched, str(index.get("detector", "")))
+    return Labelling(dictionary, tuple(maps), exact, regions, masks, searched, detector=str(index.get("detector", "")))
 
 
 def _masks_name(number: int) -> str:
