@@ -19,6 +19,9 @@ SECONDS_LEFT = "job_seconds_left"
 PREDICTED_S = "predicted_s"
 """Key of `OperationRecord.options`: how long its job was said to take, seconds, where that was known when it came."""
 
+MODELS = "models"
+"""Key of `OperationRecord.options`: the choice of models by role that a job began with, and keeps."""
+
 _SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
 _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
 
@@ -134,6 +137,11 @@ class OperationRecord:
         """The reason why the attempt before this or the next one ended; None for the first one."""
         earlier = self.attempts if self.state == "QUEUED" else self.attempts[:-1]
         return earlier[-1]["why"] if earlier else None
+
+    @property
+    def models(self) -> Mapping[str, Any]:
+        """Models by role that the job keeps, see `ModelChoice`; empty: those of the settings."""
+        return self.options.get(MODELS) or {}
 
     @property
     def makes_scene(self) -> bool:

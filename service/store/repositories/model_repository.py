@@ -1,0 +1,42 @@
+"""The choice of models: what API and workers use in each role, unless their settings name another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypedDict
+
+from sqlalchemy import delete, insert, select
+
+from fastsplat.service.store.rows.damaged_rows import is_object, require
+from fastsplat.service.store.rows.database import Repository
+from fastsplat.service.store.rows.schema import chosen_models
+
+
+class ChosenModel(TypedDict):
+    """A model in use: its name as in a setting, and hex SHA-256 by file."""
+
+    name: str
+    sha256: dict[str, str]
+
+
+ModelChoice = Mapping[str, ChosenModel]
+"""Chosen models by role; roles that are absent have the settings' models."""
+
+
+class ModelRepository(Repository):
+    """The choice of models; each method is one transaction and may raise `DatabaseError`."""
+
+    def chosen(self) -> ModelChoice:
+        """Returns the choice; raises `ArtefactError` if a row is damaged."""
+        with self._reading() as connection:
+            rows = connection.execute(select(chosen_models)).all()
+        for row in rows:
+            require(f"model {row.role}", sha256=is_object(row.sha256))
+        return {row.role: ChosenModel(name=row.name, sha256=dict(row.sha256)) for row in rows}
+
+    def choose(self, choice: ModelChoice) -> None:
+        """Replaces the whole choice; an empty one leaves all to the settings."""
+        with self._writing() as connection:
+            connection.execute(delete(chosen_models))
+            for role, model in choice.items():
+                connection.execute(insert(chosen_models).values(role=role, **model))
