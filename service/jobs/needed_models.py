@@ -1,13 +1,61 @@
-"""Models required for new scenes, and those missing from the model directory."""
+"""Models in use and required for new scenes, and those missing from the model directory."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from fastsplat.service.common.model_choice import ChosenModel, ModelChoice
 from fastsplat.service.settings import Settings
-from fastsplat_contract.errors import ModelUnavailableError
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
+
+if TYPE_CHECKING:  # loads with the first upload
+    from fastsplat.service.perception.models.model_manifest import ModelEntry
 
 logger = logging.getLogger(__name__)
+
+
+def in_use(settings: Settings, choice: ModelChoice) -> Settings:
+    """Settings with the chosen models, except in roles whose setting is set."""
+    perception = settings.perception.with_models({role: model["name"] for role, model in choice.items()})
+    return settings.model_copy(update={"perception": perception})
+
+
+def choice_of(entries: Sequence[ModelEntry], models: Path, *, built_in: bool) -> ModelChoice:
+    """Builds a choice of models in the model directory; `built_in`: they are of the built-in manifest.
+
+    Raises:
+        InvalidInputError: two models of one role.
+    """
+    from fastsplat.service.perception.models.model_files import installed_digests
+
+    choice: dict[str, ChosenModel] = {}
+    for entry in entries:
+        if entry.role in choice:
+            raise InvalidInputError(
+                f"{entry.name} and {choice[entry.role]['name']} are both models of the role {entry.role}",
+                field="name",
+                limit="one model a role",
+                hint="Choose one of them.",
+            )
+        name = entry.name if built_in else f"{entry.adapter}:{entry.name}"
+        choice[entry.role] = {"name": name, "sha256": dict(installed_digests(models / entry.name, name=entry.name))}
+    return choice
+
+
+def lacking(settings: Settings, choice: ModelChoice) -> Sequence[str]:
+    """Lists chosen models that are not here with the chosen bytes, except where a setting overrides them."""
+    from fastsplat.service.perception.models.model_files import installed_digests
+
+    return [
+        model["name"]
+        for role, model in choice.items()
+        if role not in settings.perception.model_fields_set
+        and installed_digests(settings.models / (name := model["name"].rpartition(":")[2]), name=name)
+        != model["sha256"]
+    ]
 
 
 def missing_models(settings: Settings, *, given_labels: bool = False, named: bool = False) -> list[str]:

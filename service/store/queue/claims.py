@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 from sqlalchemy import Connection, Update, func, select, update
 
-from fastsplat.service.store.repositories.model_repository import ModelChoice
+from fastsplat.service.common.model_choice import ModelChoice
 from fastsplat.service.store.repositories.scene_repository import as_operation
 from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable
 from fastsplat.service.store.rows.database import Repository

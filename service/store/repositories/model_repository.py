@@ -1,26 +1,13 @@
-"""The choice of models: what API and workers use in each role, unless their settings name another."""
+"""The choice of models in the database."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TypedDict
-
 from sqlalchemy import delete, insert, select
 
+from fastsplat.service.common.model_choice import ChosenModel, ModelChoice
 from fastsplat.service.store.rows.damaged_rows import is_object, require
 from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.schema import chosen_models
-
-
-class ChosenModel(TypedDict):
-    """A model in use: its name as in a setting, and hex SHA-256 by file."""
-
-    name: str
-    sha256: dict[str, str]
-
-
-ModelChoice = Mapping[str, ChosenModel]
-"""Chosen models by role; roles that are absent have the settings' models."""
 
 
 class ModelRepository(Repository):
