@@ -22,7 +22,7 @@ from tests.looks_model import write_looks_model
 from tests.networks import write_network
 
 FIRST, SECOND = "1" * 40, "2" * 40
-WORD = "magnifying glass"
+WORD = "lava lamp"
 """What the detector calls green; neither it nor the sign of its trial is known to the default models' 80 words."""
 
 # Query 1 fires on the words of WORD where anything is green, in its box; query 2 on "stop sign" always.

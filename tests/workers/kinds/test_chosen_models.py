@@ -8,7 +8,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from fastsplat.service.settings import load_settings
 from fastsplat_client import Client
@@ -54,12 +56,14 @@ def place(tmp_path: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def _photos(test_data: Path, folder: Path) -> Path:
-    """A posed capture that names nothing."""
+    """A posed capture that names nothing, with a bread that is green."""
     path = small_tabletop(test_data, folder, 8) / "transforms.json"
     document = json.loads(path.read_text())
-    del document["labels"]
+    bread = document.pop("labels")["bread"]
     for frame in document["frames"]:
-        del frame["mask_path"]
+        picture = np.array(Image.open(folder / frame["file_path"]).convert("RGB"))
+        picture[np.asarray(Image.open(folder / frame.pop("mask_path"))) == bread] = (30, 180, 40)
+        Image.fromarray(picture).save(folder / frame["file_path"])
     path.write_text(json.dumps(document))
     return folder
 
