@@ -170,7 +170,8 @@ def _default_path(document: Document) -> Iterator[Row]:
         figures = run["figures"]
         cells = [f"{run['names_right']} of {run['names']}", f"{figures['miou']:.2f}", f"{figures['clicks_miou']:.2f}"]
         stages = run["stage_seconds"]
-        cells += [f"{figures['psnr']:.1f} dB", f"{stages['perception']:.0f}", f"{stages['training']:.0f}"]
+        cells += [f"{figures['psnr']:.1f} dB", f"{figures['ssim']:.3f}", f"{run['gaussians']:,}"]
+        cells += [f"{run['bytes'] / 1e6:.1f} MB", f"{stages['perception']:.0f}", f"{stages['training']:.0f}"]
         yield name, *cells
 
 
@@ -320,7 +321,10 @@ TABLES: Mapping[str, Table] = {
     "perception": Table(("trade",), ("the sample, detected labels", "mIoU", "CPU s", "peak MB"), _perception),
     "default_path": Table(
         ("default_path",),
-        ("", "names right", "mIoU by them", "IoU of a click", "PSNR", "perception, s", "training, s"),
+        (
+            *("", "names right", "mIoU by them", "IoU of a click", "PSNR", "SSIM", "Gaussians", "size"),
+            *("perception, s", "training, s"),
+        ),
         _default_path,
     ),
     "objects": Table(

@@ -1,11 +1,10 @@
 """What the product makes of photos and poses alone: default models, no names given, everything measured.
 
-    python -m benchmarks.default_path [NAME ...] [--split test] [--iterations 4000] [--gaussians 40000] [--max-side 640]
-                                      [--profile]
+    python -m benchmarks.default_path [NAME ...] [--split test] [--preset balanced] [--profile]
 
 NAME is `sample` (the demo's), `tabletop` or `skull` of FASTSPLAT_TEST_DATA; all by default. Each is trained on its
-training views as a job trains it that says nothing but "here are photos" (preset balanced), except that the run is
-bounded by steps, so that a busy machine changes seconds only. The detector names what it knows, in its own words: a
+training views as a job trains it that says nothing but "here are photos" (preset balanced), except that no clock
+ends the run, so that a busy machine changes seconds only. The detector names what it knows, in its own words: a
 true label counts where the scene has that very name or alias, so what is named otherwise, or not at all, counts as
 missing. `names_right` says how many true labels the scene has; objects are counted without their names. With --profile
 the row says which functions the seconds went to, and goes to profile.json. Every row
@@ -32,7 +31,7 @@ from benchmarks.evaluation.train_eval import TrainingLabels, train_on_split
 from benchmarks.provenance import ROOT, begin, chosen_on, parser_of, provenance, put_row
 from benchmarks.splits import add_split, results_file
 from fastsplat.service.perception.text.text_encoders import open_text_encoder
-from fastsplat.service.planning.presets import apply_preset, override_training
+from fastsplat.service.planning.presets import TOLERANCES_DB, apply_preset
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat_contract.jobs.operations import PresetName
@@ -46,19 +45,11 @@ def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
     parser.add_argument("names", nargs="*", choices=[*NAMES, []], default=[])
-    parser.add_argument("--iterations", type=int, default=4_000)
-    parser.add_argument("--gaussians", type=int, default=40_000)
-    parser.add_argument("--max-side", type=int, default=640)
+    parser.add_argument("--preset", choices=TOLERANCES_DB, default="balanced")
     parser.add_argument("--profile", action="store_true")
     add_split(parser)
     options = parser.parse_args()
-    settings = override_training(
-        apply_preset(load_settings(), "balanced"),
-        iterations=options.iterations,
-        max_gaussians=options.gaussians,
-        max_side=options.max_side,
-    )
-    # Of two bounds the earlier one counts, and a preset has one in seconds.
+    settings = apply_preset(load_settings(), options.preset)
     unbounded = settings.training.model_copy(update={"time_budget_s": None, "evaluations": 0})
     settings = settings.model_copy(update={"training": unbounded})
     out = results_file("profile" if options.profile else "default_path", options.split)
@@ -66,7 +57,7 @@ def main() -> None:
         folder = ROOT / "demo" / "sample" if name == "sample" else Path(os.environ["FASTSPLAT_TEST_DATA"]) / name
         mask_label = _MASK_LABELS.get(name, "")
         dataset = read_dataset(folder, settings.capture, mask_label=mask_label, split=options.split)
-        row = measure(dataset, settings, name, profiled=options.profile)
+        row = measure(dataset, settings, name, profiled=options.profile, preset=options.preset)
         put_row(out, name, row)
         print(f"{name}: {json.dumps(row, ensure_ascii=False)}", flush=True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from fastsplat_contract.photos.pictures import PictureKind
 
 _COLUMNS = 3
 _WIDTH = 480
-_CAPTION = 26
+_CAPTION = 44
 _GAP = 6
 
 
@@ -40,7 +41,8 @@ def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
     for index, (caption, picture) in enumerate(pictures):
         left = index % _COLUMNS * (_WIDTH + _GAP)
         top = index // _COLUMNS * (height + _CAPTION + _GAP)
-        draw.text((left + 2, top + _CAPTION / 2), caption, font=font, fill="black", anchor="lm")
+        lines = "\n".join(textwrap.wrap(caption, 66, max_lines=2, placeholder=" …"))
+        draw.text((left + 2, top + _CAPTION / 2), lines, font=font, fill="black", anchor="lm")
         sheet.paste(picture.resize((_WIDTH, height), Image.Resampling.LANCZOS), (left, top + _CAPTION))
     sheet.save(target, quality=88)
 

@@ -235,7 +235,8 @@ class SceneIndex:
         for match in answer.matches:
             if match.label_id < len(relevancy):  # what is merely suggested is no class
                 relevancy[match.label_id] = match.relevancy
-        drawn = self._renderer_for(posed).mask(posed, relevant, relevancy)
+        classes = tuple(label_id for label_id in relevant if label_id < len(relevancy))
+        drawn = self._renderer_for(posed).mask(posed, classes, relevancy)
         for label_id in relevant:
             if parts := self._part_labels.get(label_id):
                 inside = np.isin(self.objects.part_map(posed), parts)

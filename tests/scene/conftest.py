@@ -25,10 +25,9 @@ def some_evidence(count: int, labels: int, seed: int = 0) -> Evidence:
     return evidence_of(rows, names, rng.integers(1, 40_960, len(rows)), count)
 
 
-def change_body(folder: Path, change: Callable[[dict[str, Any]], Any], *renamed: str) -> None:
-    """Changes `scene.json` and its digest; `renamed`: a text in it, and what it becomes."""
-    text = (folder / "scene.json").read_text()
-    body = json.loads(text.replace(*renamed) if renamed else text)
+def change_body(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    """Changes `scene.json` and its digest."""
+    body = json.loads((folder / "scene.json").read_text())
     change(body)
     body.pop("sha256", None)
     digest = hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()

@@ -34,7 +34,6 @@ from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind, N
 from fastsplat_contract.jobs.operations import SceneOptions
 from fastsplat_contract.messages.object_reads import ObjectRead
 from tests.scene.conftest import change_body, make_scene, read_back
-from tests.scene.test_observations import OBSERVATION
 
 IDS = (2, 5, 9)
 
@@ -110,16 +109,6 @@ def test_groups_follow_their_objects(scene: Scene) -> None:
     assert groups(discard_object(discard_object(scene, 2), 9)) == []
     bare = discard_object(discard_object(scene, 2), 9)
     assert bare.objects is not None and next_object_id(bare.objects) == 13  # no id is used again
-
-
-def test_a_folder_of_the_version_before_is_read_and_no_name_in_it_changes(scene: Scene, tmp_path: Path) -> None:
-    original = replace(scene, observations=(OBSERVATION,), quality={"photometric": {"things": [1.0]}})
-    write_scene(original, tmp_path / "v1")
-    change_body(tmp_path / "v1", lambda body: body.update({"things": body.pop("objects")}), '"object_id"', '"thing_id"')
-    (tmp_path / "v1" / "objects.safetensors").rename(tmp_path / "v1" / "things.safetensors")
-    read = read_scene(tmp_path / "v1")
-    assert read.objects is not None and original.objects is not None and read.objects.table == original.objects.table
-    assert (read.observations, read.quality) == (original.observations, original.quality)
 
 
 def test_a_table_that_lacks_an_object_is_refused_on_both_ways(scene: Scene, tmp_path: Path) -> None:

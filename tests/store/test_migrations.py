@@ -19,7 +19,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, MetaData, Table, create_engine, insert, inspect, select, text
+from sqlalchemy import Engine, create_engine, inspect, text
 
 from fastsplat.service.store.care.backup import restore
 from fastsplat.service.store.care.checkup import check_database
@@ -27,9 +27,9 @@ from fastsplat.service.store.repositories.key_repository import KeyRecord
 from fastsplat.service.store.rows.before_upgrade import save_before_upgrade
 from fastsplat.service.store.rows.database import open_engine, resolve_url
 from fastsplat.service.store.rows.migrations import migrate
-from fastsplat.service.store.rows.schema import metadata, projects, scene_versions
+from fastsplat.service.store.rows.schema import metadata
 from fastsplat.service.store.store import open_store
-from fastsplat_contract.errors import ArtefactError, ConflictError, ResourceError
+from fastsplat_contract.errors import ConflictError, ResourceError
 from tests.postgres import PostgresServer
 from tests.scenes import queued_job
 
@@ -137,11 +137,7 @@ def test_processes_that_start_at_once_make_the_tables_once(tmp_path: Path, datab
     ("changes", "words"),
     [
         (["UPDATE alembic_version SET version_num = '1000'"], ("version 1000", "a newer one")),
-        (
-            ["UPDATE alembic_version SET version_num = '0019'", "CREATE TABLE schema_version (version INTEGER)"],
-            ("before the first release", "import"),
-        ),
-        (["CREATE TABLE schema_version (version INTEGER)"], ("before the first release", "import")),
+        (["UPDATE alembic_version SET version_num = '0002'"], ("before the first release", "import")),
         (["DROP TABLE alembic_version"], ("before the first release", "import")),
     ],
 )
@@ -167,7 +163,7 @@ def later(tmp_path: Path) -> Callable[..., Path]:
     def make(*bodies: str) -> Path:
         folder = tmp_path / f"migrations{len(bodies)}"
         shutil.copytree(_SCRIPTS, folder, dirs_exist_ok=True)
-        for number, body in enumerate(bodies, start=len(_revisions()) + 1):
+        for number, body in enumerate(bodies, start=len(_revisions()) + 3):
             lines = (
                 "import sqlalchemy as sa", "from alembic import op",
                 f"revision, down_revision = '{number:04}', '{number - 1:04}'", f"def upgrade(): {body}",
@@ -186,7 +182,7 @@ def _revisions() -> list[Any]:
 
 def test_file_names_bear_the_revisions_in_one_line() -> None:
     revisions = _revisions()
-    assert [revision.revision for revision in revisions] == [f"{n:04}" for n in range(1, len(revisions) + 1)]
+    assert [revision.revision for revision in revisions] == [f"{n:04}" for n in range(3, len(revisions) + 3)]
     assert [Path(revision.path).name[1:5] for revision in revisions] == [revision.revision for revision in revisions]
 
 
@@ -236,55 +232,6 @@ def test_what_a_database_held_is_saved_before_it_is_upgraded_and_can_be_restored
     mtime = (saved / "backup.json").stat().st_mtime_ns
     migrate(stored, scripts, save)
     assert (saved / "backup.json").stat().st_mtime_ns == mtime, "what needs no upgrade is not saved again"
-
-
-def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_path: Path, database_url: str) -> None:
-    scripts, engine = tmp_path / "first", create_engine(resolve_url(tmp_path, database_url))
-    shutil.copytree(_SCRIPTS, scripts, ignore=shutil.ignore_patterns("v000[2-9]*"))
-    migrate(engine, scripts)
-    result = {"texts": ["cup"], "regions": 1}
-    again, creation = {"retries": 2, "exclude": ["a.jpg"], "again_after": "failed"}, ("create_scene", {}, None)
-    jobs: dict[str, tuple[str, int, Any, tuple[Any, ...]]] = {
-        "new": ("QUEUED", 0, {}, (*creation, "new", [], None)),
-        "retried": ("QUEUED", 3, again, (*creation, "retried.2", ["a.jpg"], "failed")),
-        "runs": ("RUNNING", 2, again, (*creation, "runs.2", ["a.jpg"], "failed")),
-        "given back": ("RUNNING", 1, {"released": True}, (*creation, "given back", [], None)),
-        "done": ("SUCCEEDED", 2, {"look_again": {"things": [3]}, "result": result, "again_after": "worker_died"},
-                 ("look_again", {"object_ids": [3]}, result, "done", [], "worker_died")),
-        "captioner": ("SUCCEEDED", 0, {"ask_namer": {}, "result": {"shown": 3}},
-                      ("ask_captioner", {}, {"objects": 3}, "captioner", [], None)),
-        "damaged": ("QUEUED", 0, {"retries": "x"}, ()),
-    }  # fmt: skip
-    numbers = dict.fromkeys(("created_at", "updated_at", "starts", "priority"), 1)
-    more = {"scene_id": "s", "request_digest": "", "upload_id": "", "stages": [], "worker": "", "project": "default"}
-    row = {**numbers, **more, "cancel_requested": False, "finish_requested": False}
-    with engine.begin() as connection:
-        table = Table("operations", MetaData(), autoload_with=connection)
-        for name, (state, attempt, options, _) in jobs.items():
-            stored = {"id": name, "state": state, "attempt": attempt, "options": {"labels": ["mug"], **options}}
-            connection.execute(insert(table).values({**row, **stored}))
-        named = {"action": "name", "things": [3], "name": "things", "known_sizes": [{"thing": 2, "meters": 1.0}]}
-        texts = dict.fromkeys(("parent", "request_digest", "author"), "") | {"scene_id": "s", "version": "v"}
-        numbers = {"number": 1, "created_at": 1, "gaussians": 1, "things": 7}
-        table = Table("scene_versions", MetaData(), autoload_with=connection)
-        connection.execute(insert(table).values(**texts, **numbers, dictionary=[], edits=[named], quality={}))
-        connection.execute(text("UPDATE projects SET namer_host = 'eyes:1'"))
-    engine.dispose()
-    with closing(open_store(tmp_path, database_url)) as store:
-        read = store.scenes.list_operations(10)
-        columns = {j.id: (j.kind, j.order, j.result, j.run_id, j.excluded, j.again_after) for j in read}
-        assert columns == {name: expected for name, (*_, expected) in jobs.items() if expected}
-        assert all(job.options == {"labels": ["mug"]} for job in read)
-        after = {name: claim.operation.again_after for name in columns if (claim := store.jobs.claim(name))}
-        assert after == {"new": None, "retried": "failed", "runs": "worker_died", "given back": "worker_stopped"}
-        with pytest.raises(ArtefactError, match="kind"):
-            store.scenes.operation("damaged")
-        with store.engine.connect() as connection:
-            tables = scene_versions, projects
-            version, project = (connection.execute(select(table)).mappings().one() for table in tables)
-        assert (version["objects"], project["captioner_host"]) == (7, "eyes:1")
-        sizes = [{"object_id": 2, "meters": 1.0}]
-        assert version["edits"] == [{"action": "name", "object_ids": [3], "name": "things", "known_sizes": sizes}]
 
 
 def test_a_database_that_cannot_be_saved_is_not_upgraded(

@@ -115,7 +115,7 @@ def _image(
     if request.kind == "relevancy":
         return pictures.relevancy_picture(mask2d.rgb, mask2d.relevancy)
     names = [(match.label_id, match.label) for match in answer.matches if match.relevant]
-    return pictures.named_overlay(mask2d.rgb, mask2d.label_ids, names)
+    return pictures.named_overlay(mask2d.rgb, mask2d.mask, mask2d.label_ids, names)
 
 
 def _tinted(

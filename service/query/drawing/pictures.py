@@ -60,9 +60,12 @@ def overlay(
     return picture
 
 
-def named_overlay(rgb: U8, label_ids: NDArray[np.uint16], names: Sequence[tuple[int, str]]) -> U8:
-    """Tints labels (id and name, best first) and writes short names, uint8 [H, W, 3]."""
-    picture, tags = rgb, []
+def named_overlay(
+    rgb: U8, mask: NDArray[np.bool_], label_ids: NDArray[np.uint16], names: Sequence[tuple[int, str]]
+) -> U8:
+    """Tints a mask by labels (id and name, best first) and writes short names, uint8 [H, W, 3]."""
+    unnamed = mask & ~np.isin(label_ids, [label_id for label_id, _ in names])
+    picture, tags = overlay(rgb, unnamed, colour=_RANKED[0], strength=0.6), []
     for rank, (label_id, name) in enumerate(names):
         mask = label_ids == label_id
         if mask.any():

@@ -35,7 +35,6 @@ _ARRAYS = "gaussians.safetensors"
 _CAMERAS = "cameras.json"
 _EVIDENCE = "evidence.safetensors"
 _OBJECTS = "objects.safetensors"
-_EARLIER_OBJECTS = "things.safetensors"
 _PARTS = "parts.safetensors"
 _MAX_JSON_BYTES = 256 << 20
 
@@ -213,7 +212,7 @@ def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
 def _read_objects(folder: Path, manifest: Manifest) -> Objects | None:
     if manifest.objects is None:
         return None
-    path = folder / (_EARLIER_OBJECTS if (folder / _EARLIER_OBJECTS).exists() else _OBJECTS)
+    path = folder / _OBJECTS
     classes, shapes = manifest.objects_classes, _evidence_shapes(manifest.gaussians, manifest.objects_entries)
     arrays = _mapped(
         path, shapes if classes is None else {**shapes, **_head_shapes(classes, manifest.code)}, manifest.objects_sha256

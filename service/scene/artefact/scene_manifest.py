@@ -14,7 +14,6 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.common.earlier_names import renamed_keys
 from fastsplat.service.scene.artefact.alignment import Alignment, alignment_from_json, alignment_to_json
 from fastsplat.service.scene.artefact.observations import observations_from_json, observations_to_json
 from fastsplat.service.scene.artefact.reads import MAX_READ_CHARS, MOST_READS
@@ -283,8 +282,6 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
     seal = body.pop("sha256", None)
     if seal != _seal(body):
         raise SceneFileError("scene.json does not match its own digest", field="scene.json", hint=_RESTORE)
-    if "things" in body:  # written before they were called objects
-        body["objects"], body["observations"] = body.pop("things"), renamed_keys(body["observations"])
     try:
         checked = _Body.model_validate(body)
         dictionary = Dictionary(tuple(DictionaryEntry(**entry.model_dump()) for entry in checked.dictionary))

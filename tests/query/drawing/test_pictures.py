@@ -73,12 +73,14 @@ def test_a_named_overlay_tints_each_label_differently_and_writes_on_nothing_else
     label_ids = np.zeros((120, 200), dtype=np.uint16)
     label_ids[20:100, 10:90] = 3
     label_ids[20:100, 110:190] = 7
-    picture = named_overlay(rgb, label_ids, [(7, "mug"), (3, "cup"), (9, "not in view")])
-    np.testing.assert_array_equal(picture[label_ids == 0], rgb[label_ids == 0])
+    mask = label_ids > 0
+    mask[5:15, 10:40] = True  # of what has no name
+    picture = named_overlay(rgb, mask, label_ids, [(7, "mug"), (3, "cup"), (9, "not in view")])
+    np.testing.assert_array_equal(picture[~mask], rgb[~mask])
     inner = [tuple(picture[25, x]) for x in (15, 115)]
-    assert inner[0] != inner[1] and (90, 90, 90) not in inner
+    assert inner[0] != inner[1] and (90, 90, 90) not in (*inner, tuple(picture[10, 25]))
     assert (picture[50:70, 30:70] == 0).all(axis=2).any(), "a name tag stands in the middle of its part"
-    np.testing.assert_array_equal(named_overlay(rgb, np.zeros_like(label_ids), [(3, "cup")]), rgb)
+    np.testing.assert_array_equal(named_overlay(rgb, label_ids < 0, np.zeros_like(label_ids), [(3, "cup")]), rgb)
 
 
 def test_overlay_outlines_the_edge_and_not_the_inside() -> None:

@@ -24,6 +24,8 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Object, Objects, Scene, SceneFacts
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import look_at
 from fastsplat_contract.messages.queries import Answer
 from tests.query.conftest import DrawnEncoder, calibrated
 from tests.query.placed_rooms import Room, box, scene_of, table
@@ -252,6 +254,15 @@ def test_objects_are_called_by_their_names_or_by_what_is_beside_them(room: Scene
     assert stool.sentence == 'Probably here (30 %): an unnamed object may be "stool".'
     assert cups.sentence == 'Here: 2 of "cup".'
     assert all_of_it.sentence == ('Here: "lamp", the unnamed object beside the "lamp" and 2 of "cup", on the table.')
+
+
+def test_what_is_merely_suggested_has_a_mask_like_a_name(room: SceneIndex) -> None:
+    view = PosedCamera(Camera(96, 72, 60.0, 60.0, 48.0, 36.0), look_at((0.4, -1.5, 1.5), (0.2, 0.1, 0.8)))
+    kettle, table = room.ask(["kettle", "what is on the table?"])
+    for answer in (kettle, table):
+        seen = room.mask2d(answer, view)
+        assert seen.mask.any() and (seen.mask == room.mask(answer, view)).all()
+        assert not seen.label_ids[~seen.mask].any()
 
 
 def test_at_most_three_are_called_and_the_rest_is_counted() -> None:

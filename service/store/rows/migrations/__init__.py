@@ -21,7 +21,7 @@ from fastsplat_contract.errors import ConflictError
 
 _SCRIPTS = Path(__file__).parent
 _VERSION_TABLE = "alembic_version"
-_ONLY_UNRELEASED = "schema_version"  # a table of all versions before the first release
+_FIRST = "0003"  # numbers below it, and databases without one, are of versions before the first release
 _LOCK = 0x46535057  # arbitrary, but the same for all processes
 
 _one_at_a_time = threading.Lock()  # alembic keeps the migration that runs in a global variable
@@ -75,18 +75,19 @@ def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
 def _revision(connection: Connection, newest: str) -> str:
     """Returns the revision of a database, four digits; "" for a new one."""
     tables = inspect(connection).get_table_names()
-    if _ONLY_UNRELEASED in tables or (operations.name in tables and _VERSION_TABLE not in tables):
+    if _VERSION_TABLE not in tables and operations.name not in tables:
+        return ""
+    bears = _VERSION_TABLE in tables
+    revision = str(connection.scalar(text(f"SELECT version_num FROM {_VERSION_TABLE}"))) if bears else "0001"
+    if not re.fullmatch(r"(?!0000)\d{4}", revision):
+        raise ValueError(f"it is of a version that never was: {revision[:40]!r}")
+    if revision < _FIRST:
         raise ConflictError(
             "the database is of a version before the first release, which this one does not read",
             field="database_url",
             hint="To keep its scenes: export each as PLY or SPZ with the version that wrote it, start this release "
             "with an empty data folder and database, and import them there.",
         )
-    if _VERSION_TABLE not in tables:
-        return ""
-    revision = str(connection.scalar(text(f"SELECT version_num FROM {_VERSION_TABLE}")))
-    if not re.fullmatch(r"(?!0000)\d{4}", revision):
-        raise ValueError(f"it is of a version that never was: {revision[:40]!r}")
     if revision > newest:
         raise ConflictError(
             f"the database is of version {int(revision)}, and this release knows versions up to {int(newest)}",
