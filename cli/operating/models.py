@@ -114,15 +114,13 @@ def use(
         entries = pull_with_progress(
             settings.models, names, manifest=manifest, allow_licenses=allow_license or (), revision=revision
         )
-    # Image-text models are calibrated here, once their files are in place and before anybody uses them.
     choice = choice_of(entries, settings.models, built_in=manifest is None)
     with local_store() as store:
         store.models.choose(choice)
     for role, model in choice.items():
-        kept = role in settings.perception.model_fields_set
-        still = f"; here the environment names {getattr(settings.perception, role) or 'none'}" if kept else ""
+        still = "; the environment's stays" if role in settings.perception.model_fields_set else ""
         typer.echo(f"{role.replace('_', ' ')}: {model['name']}{still}")
-    typer.echo("in use from the next question and job on" if choice else "the models of the settings are in use")
+    typer.echo("in use from the next question and job on")
 
 
 def pull_with_progress(
@@ -152,6 +150,7 @@ def pull_with_progress(
             allow_licenses=allow_licenses,
             revision=revision,
         )
+    # Image-text models are calibrated here: their files are in place, and nobody uses them yet.
     return select_models(named, manifest)
 
 

@@ -41,7 +41,8 @@ def choice_of(entries: Sequence[ModelEntry], models: Path, *, built_in: bool) ->
                 hint="Choose one of them.",
             )
         name = entry.name if built_in else f"{entry.adapter}:{entry.name}"
-        choice[entry.role] = {"name": name, "sha256": dict(installed_digests(models / entry.name, name=entry.name))}
+        known = {} if entry.conversion else installed_digests(models / entry.name, name=entry.name)
+        choice[entry.role] = {"name": name, "sha256": dict(known)}  # conversions differ between machines
     return choice
 
 
@@ -49,13 +50,14 @@ def lacking(settings: Settings, choice: ModelChoice) -> Sequence[str]:
     """Lists chosen models that are not here with the chosen bytes, except where a setting overrides them."""
     from fastsplat.service.perception.models.model_files import installed_digests
 
-    return [
-        model["name"]
-        for role, model in choice.items()
-        if role not in settings.perception.model_fields_set
-        and installed_digests(settings.models / (name := model["name"].rpartition(":")[2]), name=name)
-        != model["sha256"]
-    ]
+    missing = []
+    for role, model in choice.items():
+        folder = model["name"].rpartition(":")[2]
+        found = installed_digests(settings.models / folder, name=folder)
+        overridden = role in settings.perception.model_fields_set
+        if not overridden and not (found and model["sha256"].items() <= found.items()):
+            missing.append(model["name"])
+    return missing
 
 
 def missing_models(settings: Settings, *, given_labels: bool = False, named: bool = False) -> list[str]:

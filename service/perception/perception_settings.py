@@ -52,7 +52,8 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     """Which models look at the images, and how sure they must be.
 
     A model is named as the manifest names it ("picodet_416"), or as "adapter:folder" for a folder of the model
-    directory that no manifest lists ("yolo_world:my_folder").
+    directory that no manifest lists ("yolo_world:my_folder"). One that is set goes before that of
+    `fastsplat models use`.
     """
 
     text_encoder: str = "minilm_l6_int8"

@@ -84,7 +84,12 @@ def _models_in(archive: zipfile.ZipFile, entries: Mapping[str, ModelEntry]) -> S
         if name not in entries:
             raise UnsafeArchiveError(f'the manifest has no model "{name}"', field="archive")
         files = {f"{name}/{file.name}": file.size or _MOST_FILE_BYTES for file in entries[name].files}
-        infos = [info for info in members if info.filename.partition("/")[0] == name]
+        # A calibration is of the machine that made it.
+        infos = [
+            i
+            for i in members
+            if i.filename.partition("/")[0] == name and not i.filename.startswith(f"{name}/calibration.")
+        ]
         receipt = f"{name}/{RECEIPT}"
         if sorted(info.filename for info in infos if info.filename != receipt) != sorted(files):
             raise UnsafeArchiveError(

@@ -82,7 +82,7 @@ def installed_digests(folder: Path, *, name: str) -> Mapping[str, str]:
     known = known_digests(folder, name=name)
     if not all((folder / file).is_file() for file in known):
         return {}
-    return known or {path.name: file_sha256(path) for path in sorted(folder.glob("*")) if path.is_file()}
+    return known or {path.name: file_sha256(path) for path in _networks(folder) or folder.glob("*.npz")}
 
 
 def only_table(folder: Path, *, name: str) -> Path:
