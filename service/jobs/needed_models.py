@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from fastsplat.service.common.model_choice import ChosenModel, ModelChoice
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 if TYPE_CHECKING:  # loads with the first upload
     from fastsplat.service.perception.models.model_manifest import ModelEntry
+
+ModelChoice = Mapping[str, Mapping[str, Any]]
+"""By role, "name" and "sha256" by file of a model in use."""
 
 logger = logging.getLogger(__name__)
 
@@ -31,7 +33,7 @@ def choice_of(entries: Sequence[ModelEntry], models: Path, *, built_in: bool) ->
     """
     from fastsplat.service.perception.models.model_files import installed_digests
 
-    choice: dict[str, ChosenModel] = {}
+    choice: dict[str, Mapping[str, Any]] = {}
     for entry in entries:
         if entry.role in choice:
             raise InvalidInputError(
@@ -42,7 +44,7 @@ def choice_of(entries: Sequence[ModelEntry], models: Path, *, built_in: bool) ->
             )
         name = entry.name if built_in else f"{entry.adapter}:{entry.name}"
         known = {} if entry.conversion else installed_digests(models / entry.name, name=entry.name)
-        choice[entry.role] = {"name": name, "sha256": dict(known)}  # conversions differ between machines
+        choice[entry.role] = {"name": name, "sha256": known}  # conversions differ between machines
     return choice
 
 

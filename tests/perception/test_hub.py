@@ -83,9 +83,9 @@ _FAULTS: dict[str, tuple[str, Callable[[Hub], object]]] = {
     "no file": ("404", lambda hub: hub.sends.update({_TEXT: None})),
     "no such path": (f"has no {_TEXT}", lambda hub: hub.commits[FIRST].pop(_TEXT)),
     "no commit": ("404", lambda hub: hub.commits.clear()),
-    "a name for a commit": ("wrongly", lambda hub: hub.says.update(sha="main")),
-    "no digests": ("no size and digest", lambda hub: hub.says.update(lfs=None, blobId=None)),
-    "a wrong size": ("wrongly", lambda hub: hub.says.update(size="large", lfs=None)),
+    "a name for a commit": ("sha", lambda hub: hub.says.update(sha="main")),
+    "no digests": ("says no digest", lambda hub: hub.says.update(lfs=None, blobId=None)),
+    "a wrong size": ("size", lambda hub: hub.says.update(size="large")),
 }
 
 
@@ -110,8 +110,10 @@ def test_a_commit_whose_files_have_changed_is_no_longer_trusted(served: tuple[Hu
     _pull(models, manifest)
     (models / "looks" / "text.onnx").write_bytes(b"damaged")
     hub.commits[FIRST]["looks/text.onnx"] += b" "
-    with pytest.raises(ModelUnavailableError, match="has the sha256"):
-        _pull(models, manifest)
+    for said, facts in (("has the sha256", {}), (f"has {SECOND} for the commit {FIRST}", {"sha": SECOND})):
+        hub.says = facts
+        with pytest.raises(ModelUnavailableError, match=said):
+            _pull(models, manifest)
 
 
 def test_without_a_network_it_is_said(served: tuple[Hub, Path], tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
-from fastsplat.service.common.model_choice import ModelChoice
 from fastsplat.service.jobs.needed_models import in_use
 from fastsplat.service.query.language.meaning.embeddings import TextCaches, text_caches
 from fastsplat.service.query.objects.object_index import KEPT_MAP_BYTES
@@ -18,6 +17,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.rows.records import ModelChoice
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
 from fastsplat_contract.geometry.poses import F64

@@ -8,14 +8,14 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
-from pydantic import ValidationError
+from pydantic import BaseModel
 
 from fastsplat.service.perception.models.model_files import Receipt
-from fastsplat.service.perception.models.model_manifest import HubSource, ModelEntry, ModelFile
+from fastsplat.service.perception.models.model_manifest import Commit, HubSource, ModelEntry, ModelFile, Sha256
 
 Bytes = Callable[[int, int], None]
 """Called with the bytes that have arrived and their total (0: unknown)."""
@@ -29,66 +29,73 @@ class RefusedError(Exception):
     """The source does not have the file, or has another one."""
 
 
+class _StoredApart(BaseModel):
+    sha256: Sha256
+
+
+class _Listed(BaseModel):
+    rfilename: str
+    size: int
+    lfs: _StoredApart | None = None  # absent for small files, which git itself stores
+    blobId: Commit | None = None  # noqa: N815 - the hub's name
+
+
+class _Listing(BaseModel):
+    """A commit, and the hub's facts of its files."""
+
+    sha: Commit
+    siblings: tuple[_Listed, ...]
+
+
 def pinned(entry: ModelEntry, receipt: Receipt, revision: str | None) -> ModelEntry:
     """Fills in the commit, sizes and digests of files of hubs.
 
     A commit of the manifest counts first, then `revision` (commit, branch or tag), then the one of the receipt, whose
     digests then hold too, then the newest of "main".
     """
-    listings: dict[tuple[str, str], tuple[str, dict[str, Any]]] = {}
+    listing = cache(_listing)  # a request a repository
     files = []
     for file in entry.files:
         source = file.sources[0] if file.sources else None
-        if not isinstance(source, HubSource):
-            files.append(file)
-            continue
-        trusted = receipt.hub.get(file.name, {})
-        known = trusted.get("commit") if trusted.get("repo") == source.repo else None
-        wanted = source.revision or revision or known or _MAIN
-        if (source.repo, wanted) not in listings:
-            listings[source.repo, wanted] = _listing(source.repo, wanted)
-        commit, listed = listings[source.repo, wanted]
-        if re.fullmatch(r"[0-9a-f]{40}", wanted) and commit != wanted:
-            raise RefusedError(f"{source.repo} has {commit} for the commit {wanted}")
-        sha256 = receipt.sha256.get(file.name) if commit == known else None
-        files.append(_pinned_file(file, source, commit, listed, sha256))
+        if isinstance(source, HubSource):
+            trusted = receipt.hub.get(file.name, {})
+            known = trusted.get("commit") if trusted.get("repo") == source.repo else None
+            listed = listing(source.repo, source.revision or revision or known or _MAIN)
+            sha256 = receipt.sha256.get(file.name) if listed.sha == known else None
+            file = _pinned_file(file, source, listed, file.sha256 or sha256)
+        files.append(file)
     return entry.model_copy(update={"files": tuple(files)})
 
 
-def _pinned_file(
-    file: ModelFile, source: HubSource, commit: str, listed: dict[str, Any], trusted: str | None
-) -> ModelFile:
-    found = listed.get(source.path)
+def _pinned_file(file: ModelFile, source: HubSource, listed: _Listing, expected: str | None) -> ModelFile:
+    where = f"{source.repo} at {listed.sha}"
+    found = next((found for found in listed.siblings if found.rfilename == source.path), None)
     if found is None:
-        raise RefusedError(f"{source.repo} at {commit} has no {source.path}")
-    stored = found.get("lfs") or {}  # git itself stores small files, by another digest
-    given = {"size": found.get("size"), "sha256": stored.get("sha256"), "git_blob": found.get("blobId")}
-    given["git_blob"] = None if stored else given["git_blob"]
-    for key, value in (("size", file.size), ("sha256", file.sha256 or trusted)):
-        if value is not None and given[key] not in (None, value):
-            raise RefusedError(f"{source.repo}/{source.path} at {commit} has the {key} {given[key]}, expected {value}")
-        given[key] = value or given[key]
-    if given["size"] is None or not (given["sha256"] or given["git_blob"]):
-        raise RefusedError(f"{source.repo} says no size and digest of {source.path}")
-    sources = [{**source.model_dump(), "revision": commit}]
-    try:
-        return ModelFile.model_validate({**file.model_dump(), **given, "sources": sources})
-    except ValidationError as error:
-        raise RefusedError(f"{source.repo} describes {source.path} wrongly") from error
+        raise RefusedError(f"{where} has no {source.path}")
+    sha256, blob = (found.lfs.sha256, None) if found.lfs else (None, found.blobId)
+    for what, given, wanted in (("size", found.size, file.size), ("sha256", sha256, expected)):
+        if None not in (given, wanted) and given != wanted:
+            raise RefusedError(f"{source.path} of {where} has the {what} {given}, expected {wanted}")
+    if not (sha256 or blob):
+        raise RefusedError(f"{where} says no digest of {source.path}")
+    sources = (source.model_copy(update={"revision": listed.sha}),)
+    facts = {"size": found.size, "sha256": sha256 or expected, "git_blob": blob, "sources": sources}
+    return file.model_copy(update=facts)
 
 
-def _listing(repo: str, revision: str) -> tuple[str, dict[str, Any]]:
-    """Returns the commit that a revision is, and the hub's facts of its files by path."""
+def _listing(repo: str, revision: str) -> _Listing:
     import httpx
 
     address = f"{_endpoint()}/api/models/{repo}/revision/{quote(revision, safe='')}"
     try:
         answer = httpx.get(address, params={"blobs": "true"}, timeout=_SILENCE_S, follow_redirects=True)
         answer.raise_for_status()
-        found = answer.json()
-        return str(found["sha"]), {str(file["rfilename"]): file for file in found["siblings"]}
-    except (httpx.HTTPError, httpx.InvalidURL, ValueError, LookupError, TypeError) as error:
-        raise RefusedError(f"{address}: {error!r}"[:300]) from error
+        listed = _Listing.model_validate_json(answer.content)
+    except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
+        raise RefusedError(f"{address}: {error!r}"[:400]) from error
+    if re.fullmatch(r"[0-9a-f]{40}", revision) and listed.sha != revision:
+        raise RefusedError(f"{repo} has {listed.sha} for the commit {revision}")
+    return listed
 
 
 def fetch_hub_file(source: HubSource, target: Path, on_bytes: Bytes) -> None:

@@ -34,8 +34,8 @@ ROLES: Mapping[Role, tuple[Adapter, ...]] = {
 
 T = TypeVar("T")
 
-_Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
-_Revision = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{40}$")]
+Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+Commit = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{40}$")]
 
 DEFAULT = "default"
 """The set of models that are in use unless others are chosen."""
@@ -67,7 +67,7 @@ class HubSource(_Frozen):
     kind: Literal["huggingface"]
     repo: str
     path: str
-    revision: _Revision | None = None
+    revision: Commit | None = None
 
 
 class PackageSource(_Frozen):
@@ -77,7 +77,7 @@ class PackageSource(_Frozen):
     package: str
     version: str
     path: str
-    sha256: _Sha256
+    sha256: Sha256
 
 
 Source = Annotated[LocalSource | HubSource | PackageSource, Field(discriminator="kind")]
@@ -88,8 +88,8 @@ class ModelFile(_Frozen):
 
     name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     size: int | None = None
-    sha256: _Sha256 | None = None
-    git_blob: _Revision | None = None  # SHA-1 of its git blob, of hub files that git itself stores
+    sha256: Sha256 | None = None
+    git_blob: Commit | None = None  # SHA-1 of its git blob, of hub files that git itself stores
     sources: tuple[Source, ...] = ()
 
 

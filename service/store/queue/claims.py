@@ -11,11 +11,10 @@ from typing import Any, Literal, get_args
 
 from sqlalchemy import Connection, Update, func, select, update
 
-from fastsplat.service.common.model_choice import ModelChoice
 from fastsplat.service.store.repositories.scene_repository import as_operation
 from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable
 from fastsplat.service.store.rows.database import Repository
-from fastsplat.service.store.rows.records import MODELS, Attempt, OperationRecord
+from fastsplat.service.store.rows.records import MODELS, Attempt, ModelChoice, OperationRecord
 from fastsplat.service.store.rows.schema import operations
 from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, OperationState
 

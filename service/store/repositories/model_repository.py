@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from sqlalchemy import delete, insert, select
 
-from fastsplat.service.common.model_choice import ChosenModel, ModelChoice
 from fastsplat.service.store.rows.damaged_rows import is_object, require
 from fastsplat.service.store.rows.database import Repository
+from fastsplat.service.store.rows.records import ModelChoice
 from fastsplat.service.store.rows.schema import chosen_models
 
 
@@ -19,7 +19,7 @@ class ModelRepository(Repository):
             rows = connection.execute(select(chosen_models)).all()
         for row in rows:
             require(f"model {row.role}", sha256=is_object(row.sha256))
-        return {row.role: ChosenModel(name=row.name, sha256=dict(row.sha256)) for row in rows}
+        return {row.role: {"name": row.name, "sha256": row.sha256} for row in rows}
 
     def choose(self, choice: ModelChoice) -> None:
         """Replaces the whole choice; an empty one leaves all to the settings."""
