@@ -16,14 +16,14 @@ Role = Literal[
     "text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon", "reader", "image_text"
 ]
 Adapter = Literal[
-    "sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2", "ram", "wordnet",
-    "ppocr", "owlv2",
+    "sentence", "clip", "label_table", "picodet", "grounding_dino", "owlv2", "owlvit", "yolo_world", "sam1", "sam2",
+    "ram", "wordnet", "ppocr",
 ]  # fmt: skip
 
 ROLES: Mapping[Role, tuple[Adapter, ...]] = {
     "text_encoder": ("sentence", "clip", "label_table"),
     "closed_set_detector": ("picodet",),
-    "open_set_detector": ("grounding_dino", "yolo_world", "owlv2"),
+    "open_set_detector": ("grounding_dino", "owlv2", "owlvit", "yolo_world"),
     "segmenter": ("sam1", "sam2"),
     "tagger": ("ram",),
     "lexicon": ("wordnet",),
