@@ -93,7 +93,7 @@ async def serve(
     admin = service.admin if isinstance(service, SceneService) else None
     metrics = Metrics()
     if admin is not None:
-        log_missing_models(settings)
+        log_missing_models(admin.settings_in_use)
         metrics.watch_jobs(admin.metrics)
     gate = build_gate(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)

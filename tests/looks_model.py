@@ -33,7 +33,7 @@ image (float[N,3,32,32] pixel_values) => (float[N,3] image_embeds)
 """
 _TEXT = """
 text (int64[B,T] input_ids) => (float[B,3] text_embeds)
-<float[4,3] table = {%s}, int64[1] axes = {1}>
+<float[%d,3] table = {%s}, int64[1] axes = {1}>
 {
   tokens = Gather(table, input_ids)
   text_embeds = ReduceSum<keepdims = 0>(tokens, axes)
@@ -41,13 +41,13 @@ text (int64[B,T] input_ids) => (float[B,3] text_embeds)
 """
 
 
-def write_looks_model(models: Path) -> None:
+def write_looks_model(models: Path, colors: Mapping[str, tuple[float, float, float]] = COLORS) -> None:
     """Put the model into the folder `looks` of a model directory."""
     folder = models / "looks"
-    table = ", ".join(str(number) for row in (_GRAY, *COLORS.values()) for number in row)
-    for name, network in (("image.onnx", _IMAGE), ("text.onnx", _TEXT % table)):
+    table = ", ".join(str(number) for row in (_GRAY, *colors.values()) for number in row)
+    for name, network in (("image.onnx", _IMAGE), ("text.onnx", _TEXT % (len(colors) + 1, table))):
         write_network(folder / name, network)
-    words = Tokenizer(WordLevel({"[UNK]": 0, **{word: n for n, word in enumerate(COLORS, start=1)}}, unk_token="[UNK]"))
+    words = Tokenizer(WordLevel({"[UNK]": 0, **{word: n for n, word in enumerate(colors, start=1)}}, unk_token="[UNK]"))
     words.normalizer = Lowercase()
     words.pre_tokenizer = Whitespace()
     words.save(str(folder / "tokenizer.json"))

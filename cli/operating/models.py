@@ -1,4 +1,4 @@
-"""`fastsplat models`: which models there are, and how they come into the model directory."""
+"""`fastsplat models`: which models there are, how they come into the model directory, and which are in use."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
+from fastsplat.cli.connection import local_store
 from fastsplat.cli.lazy_settings import load_settings
-from fastsplat.cli.tables import Column, table
-from fastsplat_contract.errors import FastSplatError
+from fastsplat.cli.scenes.ask_command import ANY_WORD
+from fastsplat.cli.tables import Column, size, table
 
 if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without
     from fastsplat.service.perception.model_pull.pull import Step
+    from fastsplat.service.perception.models.model_manifest import ModelEntry
 
 models_app = typer.Typer(
-    name="models", help="The models that look and read: list them, pull them.", no_args_is_help=True
+    name="models", help="The models that look and read: list them, pull them, use them.", no_args_is_help=True
 )
 
 _Directory = Annotated[
@@ -32,6 +33,14 @@ _Directory = Annotated[
     ),
 ]
 _Manifest = Annotated[Path | None, typer.Option("--manifest", help="Another manifest than the built-in one.")]
+_Licenses = Annotated[
+    list[str] | None,
+    typer.Option("--allow-license", "--allow-licence", help="Accept this license (SPDX) too; may be repeated."),
+]
+_Revision = Annotated[
+    str | None,
+    typer.Option(help="Commit, branch or tag for Hugging Face repositories without a pinned one. Default: the newest."),
+]
 
 
 @models_app.command("list")
@@ -45,8 +54,7 @@ def list_models(
     from fastsplat.service.perception.models.model_manifest import load_manifest
 
     directory = models or load_settings().models
-    with _errors(Console()):
-        listed = [(entry, model_state(entry, directory)) for entry in load_manifest(manifest)]
+    listed = [(entry, model_state(entry, directory)) for entry in load_manifest(manifest)]
     if as_json:
         rows = [
             {"name": e.name, "default": e.default, "state": state, "license": e.license, "role": e.role}
@@ -65,30 +73,54 @@ def list_models(
             ],
         )
     )
+    typer.echo(ANY_WORD, err=True)
 
 
 @models_app.command("pull")
 def pull(
-    names: Annotated[list[str] | None, typer.Argument(help="Models of the manifest; none: the defaults.")] = None,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(help="Models or sets of the manifest, or a zip of folders of models; none: the defaults."),
+    ] = None,
     models: _Directory = None,
     manifest: _Manifest = None,
-    allow_license: Annotated[
-        list[str] | None,
-        typer.Option("--allow-license", "--allow-licence", help="Accept this license (SPDX) too; may be repeated."),
-    ] = None,
-    revision: Annotated[
-        str | None, typer.Option(help="Commit (40 hex digits) for Hugging Face repositories without a pinned one.")
-    ] = None,
+    allow_license: _Licenses = None,
+    revision: _Revision = None,
 ) -> None:
     """Fetch models, verify, convert and try them, and only then put them in place."""
-    with _errors(Console()):
-        pull_with_progress(
-            models or load_settings().models,
-            names or (),
-            manifest=manifest,
-            allow_licenses=allow_license or (),
-            revision=revision,
+    directory = models or load_settings().models
+    pull_with_progress(directory, names or (), manifest=manifest, allow_licenses=allow_license or (), revision=revision)
+
+
+@models_app.command("use")
+def use(
+    names: Annotated[
+        list[str], typer.Argument(help="A set (open-vocabulary, default), models, or a zip of folders of models.")
+    ],
+    manifest: _Manifest = None,
+    allow_license: _Licenses = None,
+    revision: _Revision = None,
+) -> None:
+    """Fetch models as by pull, and use them for questions and new jobs from now on.
+
+    Other choices end. Settings of the environment that name a model go before.
+    """
+    from fastsplat.service.jobs.needed_models import choice_of
+    from fastsplat.service.perception.models.model_manifest import DEFAULT
+
+    settings = load_settings()
+    entries: Sequence[ModelEntry] = ()
+    if names != [DEFAULT]:
+        entries = pull_with_progress(
+            settings.models, names, manifest=manifest, allow_licenses=allow_license or (), revision=revision
         )
+    choice = choice_of(entries, settings.models, built_in=manifest is None)
+    with local_store() as store:
+        store.models.choose(choice)
+    for role, model in choice.items():
+        still = "; the environment's stays" if role in settings.perception.model_fields_set else ""
+        typer.echo(f"{role.replace('_', ' ')}: {model['name']}{still}")
+    typer.echo("in use from the next question and job on")
 
 
 def pull_with_progress(
@@ -98,31 +130,56 @@ def pull_with_progress(
     manifest: Path | None = None,
     allow_licenses: Sequence[str] = (),
     revision: str | None = None,
-) -> None:
-    """`service.perception.model_pull.pull.pull` with a line a model that says how far it is."""
+) -> Sequence[ModelEntry]:
+    """Pulls models and unpacks zips with a line a model; returns the manifest's entries."""
+    from fastsplat.service.perception.model_pull.model_archive import unpack
     from fastsplat.service.perception.model_pull.pull import pull as pull_models
+    from fastsplat.service.perception.models.model_manifest import select_models
 
-    with _progress() as report:
+    archives = [name for name in names if name.endswith(".zip")]
+    named = [name for name in names if name not in archives]
+    with _progress() as (report, planned):
+        for archive in archives:
+            named += unpack(Path(archive), directory, report=report, manifest=manifest)
         pull_models(
-            directory, names, report=report, manifest=manifest, allow_licenses=allow_licenses, revision=revision
+            directory,
+            named,
+            report=report,
+            planned=planned,
+            manifest=manifest,
+            allow_licenses=allow_licenses,
+            revision=revision,
         )
+        entries, said = select_models(named, manifest), list[str]()
+        for entry in entries:
+            if entry.role == "image_text":
+                name = entry.name if manifest is None else f"{entry.adapter}:{entry.name}"
+                said += _calibrated(name, directory, report)
+    for line in said:
+        typer.echo(line)
+    return entries
 
 
-@models_app.command("unpack")
-def unpack(
-    archive: Annotated[Path, typer.Argument(metavar="FILE", help="A zip of folders of a model directory.")],
-    models: _Directory = None,
-) -> None:
-    """Put the models of a file in place, verified and tried as if pulled."""
-    from fastsplat.service.perception.model_pull.model_archive import unpack as unpack_models
+def _calibrated(name: str, models: Path, report: Callable[[Step], None]) -> Iterator[str]:
+    """Measures what an image-text model's scores mean, unless that is known; yields what was found."""
+    from fastsplat.service.jobs.looks_calibration import calibrate_image_text
+    from fastsplat.service.perception.image_text import open_image_text
+    from fastsplat.service.perception.model_pull.pull import Step
+    from fastsplat.service.perception.perception_settings import PerceptionSettings
+    from fastsplat.service.query.phrases.looks_files import load_calibration, save_calibration
 
-    with _errors(Console()), _progress() as report:
-        unpack_models(archive, models or load_settings().models, report=report)
+    model = open_image_text(PerceptionSettings(image_text=name), models)
+    if load_calibration(model, models) is None:
+        line = model.name.rpartition(":")[2]
+        found = calibrate_image_text(model, lambda e: report(Step(line, e.message, round(100 * e.fraction), 100)))
+        save_calibration(*found, models)
+        report(Step(line, "ready"))
+        yield found[0].summary
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[Step], None]]:
-    """A line a model that says how far it is; yields what hears each step."""
+def _progress() -> Iterator[tuple[Callable[[Step], None], Callable[[ModelEntry], None]]]:
+    """A line a model that says how far it is; yields what hears each step, and each model to fetch."""
     columns = (
         SpinnerColumn(),
         TextColumn("{task.fields[model]}"),
@@ -140,21 +197,8 @@ def _progress() -> Iterator[Callable[[Step], None]]:
             total, done = (1, 1) if finished else (step.total or None, step.done)
             progress.update(tasks[step.model], description=step.what, total=total, completed=done)
 
-        yield report
+        def planned(entry: ModelEntry) -> None:
+            said = [entry.license, size(entry.size) if entry.size else "size not known", *entry.commits]
+            progress.console.print(f"{entry.name}: {', '.join(said)}", soft_wrap=True, highlight=False)
 
-
-class _errors:  # noqa: N801 - reads as a phrase after "with"
-    """Print a product error with its hint and leave with status 1."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, FastSplatError):
-            self._console.print(f"[red]error:[/red] {error.message}", soft_wrap=True, highlight=False)
-            if error.hint:
-                self._console.print(error.hint, soft_wrap=True, highlight=False)
-            raise typer.Exit(1) from error
+        yield report, planned

@@ -16,6 +16,7 @@ from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3, unit_qu
 from fastsplat_contract.jobs.job_watching import Until
 from fastsplat_contract.messages.queries import Answer, QueryRequest
 
+ANY_WORD = "To look for words of any kind: fastsplat models use open-vocabulary"
 _DRAFTS = {"points": "points, and what the first photos show", "training": "a training under way"}
 
 
@@ -66,8 +67,17 @@ def ask(
     )
     result = session.client.ask_everywhere(request)
     session.tell(result, "\n".join(line for answer in result.answers for line in _lines(answer)))
+    if any(map(_is_uncovered, result.answers)):
+        models = session.client.server_status().models
+        if any(model.role == "open_set_detector" and model.state == "unset" for model in models):
+            typer.echo(ANY_WORD, err=True)
     if picture is not None:
         write_file(picture, _picture(session, result.answers[0]))
+
+
+def _is_uncovered(answer: Answer) -> bool:
+    """True if it cannot be said because an object without a name may be it."""
+    return answer.outcome == "cannot_say" and answer.phrase is None and answer.searched.unnamed_objects > 0
 
 
 def _lines(answer: Answer) -> list[str]:

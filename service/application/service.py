@@ -85,9 +85,9 @@ class SceneService(AbstractContextManager["SceneService"]):
         self._queue = QueueTimes(store, settings.jobs.stalled_worker_timeout_s)
         self.estimates = JobEstimates(settings)
         memory, mine = MemoryBudget(settings.calls, machine_bytes()), store.in_project(DEFAULT_PROJECT)
-        self._prompted = PromptedEdits(settings, memory)
         scenes, quotas = OpenScenes(mine, settings, memory), Quotas(store.quota_usage, settings.quotas)
         context = ProjectContext(mine, settings, memory, scenes, KnownNames(mine, settings), quotas)
+        self._prompted = PromptedEdits(context)
         files = settings.uploads
         self.resumable = ResumableUploads(
             store.blobs, settings.capture.max_upload_bytes, files.expiry_s, quotas, files.min_free_bytes
@@ -185,8 +185,9 @@ class SceneService(AbstractContextManager["SceneService"]):
             with self._validating.taken(self.project):
                 validated = self._check_files(upload.raw, self._context.settings.capture, options.strict)
                 upload.check_names(validated.source, validated.has_labels)
-                check_labels(options, validated, self._context.settings)
-            check_models(self._context.settings, given_labels=validated.has_labels, named=bool(options.labels))
+                settings = self._context.settings_in_use
+                check_labels(options, validated, settings)
+            check_models(settings, given_labels=validated.has_labels, named=bool(options.labels))
             check_splat_options(validated, options)
             predicted = self.estimates.predicted(validated, options)
             upload.replace_files(validated.folder)
@@ -230,7 +231,7 @@ class SceneService(AbstractContextManager["SceneService"]):
 
     def status(self, role: Role, key_id: str) -> ServerStatus:
         """Server capabilities and remaining quotas, as visible to the caller's role."""
-        return server_status(self._store, self._context.settings, self.project, role, key_id)
+        return server_status(self._store, self._context.settings_in_use, self.project, role, key_id)
 
     def look_again(self, scene_id: str, request: LookAgainIn) -> Operation:
         """Queues a job that searches a finished scene for more names; durable on return.
@@ -240,7 +241,7 @@ class SceneService(AbstractContextManager["SceneService"]):
             FastSplatError: as `look_again_job` and `RunningJobs.order`.
         """
         self._context.scenes.finished(scene_id)
-        job = look_again_job(scene_id, request, self.project, self._context.settings)
+        job = look_again_job(scene_id, request, self.project, self._context.settings_in_use)
         return self.jobs.order(job)
 
     def get_operation(self, operation_id: str) -> Operation:

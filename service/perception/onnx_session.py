@@ -101,8 +101,15 @@ def find_contract(
     )
 
 
-file_sha256 = cache(files.file_sha256)
-"""Hex SHA-256 of a file that does not change during the process; cached."""
+def file_sha256(path: Path) -> str:
+    """Hex SHA-256 of a file, cached until another one takes its place."""
+    status = path.stat()
+    return _sha256(path, status.st_ino, status.st_mtime_ns, status.st_size)
+
+
+@cache
+def _sha256(path: Path, *state: int) -> str:
+    return files.file_sha256(path)
 
 
 def _outputs(names: Sequence[str]) -> bytes:

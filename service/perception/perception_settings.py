@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 from pydantic import Field
@@ -49,7 +50,8 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     """Which models look at the images, and how sure they must be.
 
     A model is named as the manifest names it ("picodet_416"), or as "adapter:folder" for a folder of the model
-    directory that no manifest lists ("yolo_world:my_folder").
+    directory that no manifest lists ("yolo_world:my_folder"). One that is set goes before that of
+    `fastsplat models use`.
     """
 
     text_encoder: str = "minilm_l6_int8"
@@ -88,6 +90,11 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     def open_score_floor(self) -> float:
         """As `score_floor`, for the open-set detector: two thirds of its threshold."""
         return self.open_score_threshold * 2 / 3
+
+    def with_models(self, names: Mapping[str, str]) -> PerceptionSettings:
+        """These settings with chosen models by role, except where a model is set."""
+        chosen = {role: name for role, name in names.items() if role not in self.model_fields_set}
+        return self.model_copy(update=chosen)
 
     def of_open_set(self) -> PerceptionSettings:
         """These settings with the open-set detector's thresholds in the place of the closed-set detector's."""

@@ -17,6 +17,7 @@ from fastsplat.service.store.blobs.reserve import Reserve
 from fastsplat.service.store.queue.job_repository import JobRepository
 from fastsplat.service.store.queue.worker_repository import WorkerRepository
 from fastsplat.service.store.repositories.key_repository import KeyRepository
+from fastsplat.service.store.repositories.model_repository import ModelRepository
 from fastsplat.service.store.repositories.name_repository import KnownNameRepository
 from fastsplat.service.store.repositories.project_repository import ProjectRepository
 from fastsplat.service.store.repositories.quota_usage import QuotaUsage
@@ -42,6 +43,7 @@ class Store:
     projects: ProjectRepository
     quota_usage: QuotaUsage
     known_names: KnownNameRepository
+    models: ModelRepository
     blobs: Blobs
     reserve: Reserve
     engine: Engine
@@ -102,6 +104,7 @@ def open_store(
         projects=ProjectRepository(engine),
         quota_usage=QuotaUsage(engine),
         known_names=KnownNameRepository(engine),
+        models=ModelRepository(engine),
         blobs=blobs,
         reserve=reserve,
         engine=engine,

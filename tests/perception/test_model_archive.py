@@ -68,6 +68,9 @@ def test_what_comes_out_is_what_went_in(models: Path, manifest: Path, archive: P
     assert [path.name for path in there.iterdir()] == ["words"]
     unpack(archive, there, report=steps.append, manifest=manifest)
     assert steps[-1].what == "already there"
+    again = _zipped(there, tmp_path / "again.zip")  # with the receipt, as people zip what was pulled
+    assert unpack(again, tmp_path / "third", report=steps.append, manifest=manifest) == ["words"]
+    assert (tmp_path / "third/words/pulled.json").read_bytes() == (there / "words/pulled.json").read_bytes()
 
 
 _TABLE = "words/table.npz"

@@ -181,13 +181,6 @@ def test_package_carriers_are_verified_twice(
     assert list(models.iterdir()) == []
 
 
-def test_hub_files_need_a_commit(tmp_path: Path) -> None:
-    for revision in (None, "main"):
-        with pytest.raises(ModelUnavailableError, match="--revision"):
-            pull(tmp_path, ["clip_vit_b32"], report=lambda step: None, revision=revision)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_built_in_manifest_is_sound(models_dir: Path) -> None:
     entries = load_manifest()
     defaults = {"minilm_l6_int8", "picodet_416", "mobile_sam", "wordnet", "ppocr_v6_small"}
@@ -208,8 +201,7 @@ def test_command_line(table: Path, models: Path) -> None:
     assert "absent" in runner.invoke(models_app, ["list", *options]).output
     assert runner.invoke(models_app, ["pull", "words", *options]).exit_code == 0
     assert "ready" in runner.invoke(models_app, ["list", *options]).output
-    refused = runner.invoke(models_app, ["pull", "nonsense", *options])
-    assert refused.exit_code == 1 and "nonsense" in refused.output
+    assert "nonsense" in str(runner.invoke(models_app, ["pull", "nonsense", *options]).exception)
 
 
 def test_what_was_put_there_by_hand_is_kept_if_it_works(table: Path, models: Path) -> None:

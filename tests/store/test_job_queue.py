@@ -60,6 +60,23 @@ def test_a_job_is_its_workers_until_that_gives_it_back_or_is_dead(store: Store) 
         store.jobs.check(second)
 
 
+def test_a_job_keeps_the_models_that_it_began_with_and_goes_to_who_has_them(store: Store) -> None:
+    choice = {"tagger": {"name": "ram:mine", "sha256": {"ram.onnx": "1" * 64}}}
+    store.models.choose(choice)
+    store.scenes.create(job(1))
+    assert store.models.chosen() == choice
+    assert store.jobs.claim_next("lacks them", choice, lambda models: not models) is None
+    first = store.jobs.claim_next("has them", choice)
+    store.jobs.release(first)
+    store.models.choose({})
+    assert store.models.chosen() == {} and store.jobs.claim_next("lacks them", {}, lambda models: not models) is None
+    again = store.jobs.claim_next("has them", {})
+    assert first.operation.models == again.operation.models == choice
+    store.jobs.fail(again, {})
+    store.jobs.retry("op1", 0.0)
+    assert store.jobs.claim_next("lacks them", {}, lambda models: not models).operation.models == {}
+
+
 def test_two_that_claim_at_once_have_different_jobs(store: Store) -> None:
     for number in range(6):
         store.scenes.create(job(number))

@@ -16,14 +16,16 @@ import time
 import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
-from fastsplat.service.jobs.needed_models import log_missing_models
+from fastsplat.service.jobs.needed_models import in_use, lacking, log_missing_models
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
 from fastsplat.service.store.blobs.blobs import PARTIAL_EXPIRY_S
 from fastsplat.service.store.queue.claims import Claim, FencedError
+from fastsplat.service.store.rows.records import ModelChoice
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.engine.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
 from fastsplat.workers.engine.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
@@ -55,6 +57,7 @@ class Worker:
     executor_id: str = field(default_factory=lambda: f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}")
     stopping: threading.Event = field(default_factory=threading.Event)
     running: Supervisor | None = None
+    lacking: frozenset[str] = frozenset()  # names of chosen models that are not here, as logged
     heartbeats: Observer = field(default_factory=Observer)
     owners: Observer = field(default_factory=Observer)
     heartbeat: Heartbeat = field(init=False)
@@ -86,15 +89,30 @@ def stop(worker: Worker, patience_s: float = 15.0) -> None:
 
 
 def _run_waiting(worker: Worker) -> None:
-    while not worker.stopping.is_set() and (claim := worker.store.jobs.claim_next(worker.executor_id)):
+    while not worker.stopping.is_set():
+        choice = worker.store.models.chosen()
+        claim = worker.store.jobs.claim_next(worker.executor_id, choice, partial(_can_use, worker))
+        if claim is None:
+            return
         _run(worker, claim)
+
+
+def _can_use(worker: Worker, choice: ModelChoice) -> bool:
+    """True if the models of a choice are on this machine; says once which are not."""
+    missing = frozenset(lacking(worker.settings, choice))
+    if missing - worker.lacking:
+        names, folder = ", ".join(sorted(missing)), worker.settings.models
+        logger.warning("jobs with %s are left to other workers: not in %s; pull the models there", names, folder)
+    worker.lacking |= missing
+    return not missing
 
 
 def _run(worker: Worker, claim: Claim) -> None:
     """Runs a job to its end, starting at the first missing stage."""
     job = claim.operation
     try:
-        worker.running = Supervisor(worker.store, worker.settings, claim, worker.kinds[job.kind], worker.stopping)
+        settings = in_use(worker.settings, job.models)
+        worker.running = Supervisor(worker.store, settings, claim, worker.kinds[job.kind], worker.stopping)
         worker.running.run()
     except StoppingError:
         pass
@@ -155,7 +173,7 @@ def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> N
     wait_for_space(settings.data_dir, stop_requested.wait)
     worker = Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, kinds)
     start(worker)
-    log_missing_models(settings)
+    log_missing_models(in_use(settings, worker.store.models.chosen()))
     logger.info("worker %s is ready", worker.executor_id)
     stop_requested.wait()
     logger.info("worker %s is stopping", worker.executor_id)

@@ -11,6 +11,7 @@ from sqlalchemy import text
 
 from fastsplat.service.application.admin.keys import Keys
 from fastsplat.service.application.admin.service_metrics import ServiceMetrics
+from fastsplat.service.jobs.needed_models import in_use
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.repositories.project_repository import ProjectRepository
 from fastsplat.service.store.rows.database import transaction
@@ -30,6 +31,11 @@ class Admin:
         self.keys = Keys(store.keys, store.projects)
         self.projects = Projects(store.projects)
         self.metrics = ServiceMetrics(store.jobs, open_scenes)
+
+    @property
+    def settings_in_use(self) -> Settings:
+        """The settings with the models that are chosen now."""
+        return in_use(self._settings, self._store.models.chosen())
 
     def check_ready(self) -> None:
         """Checks that a request could be answered now.
@@ -58,7 +64,7 @@ class Admin:
     def _check_models(self) -> None:
         from fastsplat.service.perception.models.model_manifest import has_files
 
-        name = self._settings.perception.text_encoder
+        name = self.settings_in_use.perception.text_encoder
         if not has_files(name, "text_encoder", self._settings.models):
             raise ModelUnavailableError(
                 f"text encoder {name} is not in the model directory", field="models", hint="Run: fastsplat models pull"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.jobs.needed_models import in_use
 from fastsplat.service.query.language.meaning.embeddings import TextCaches, text_caches
 from fastsplat.service.query.objects.object_index import KEPT_MAP_BYTES
 from fastsplat.service.query.ranked_scene import RankedScene
@@ -16,6 +17,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.rows.records import ModelChoice
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
 from fastsplat_contract.geometry.poses import F64
@@ -50,6 +52,8 @@ class OpenScenes:
         self._looks_models: dict[str, LooksModel] = {}
         self._caches: dict[str, TextCaches] = {}
         self._encoder_lock = threading.Lock()
+        self._first = self  # of all views of the store; it has the choice of models
+        self._choice: ModelChoice = {}
 
     def over(self, store: Store) -> OpenScenes:
         """Same memory, encoders and lexicon for another view of the store."""
@@ -106,6 +110,7 @@ class OpenScenes:
 
     def version(self, scene_id: str, version: str) -> str:
         """Name of a readable version ("": the current one); raises as `open`."""
+        self._renew()
         state, current, operation_id = self._store.scenes.current_version(scene_id)
         if not current:
             raise _not_ready(scene_id, state, operation_id)
@@ -130,6 +135,21 @@ class OpenScenes:
         if folder is None:
             raise _deleted(scene_id)
         return folder
+
+    @property
+    def _settings_in_use(self) -> Settings:
+        return in_use(self._settings, self._first._choice)
+
+    def _renew(self) -> None:
+        """Drops what was opened with other models than those chosen now."""
+        choice = self._store.models.chosen()
+        with self._encoder_lock:
+            if choice == self._first._choice:
+                return
+            self._first._choice = choice
+            for opened in (self._encoders, self._lexicons, self._looks_models, self._caches):
+                opened.clear()
+        self.close()
 
     def _load(self, scene_id: str, version: str) -> SceneIndex:
         for _ in range(_TRIES):  # the local copy may be evicted before it is opened
@@ -171,19 +191,20 @@ class OpenScenes:
     def _lexicon(self) -> Lexicon | None:
         from fastsplat.service.perception.lexicon.wordnet import find_lexicon
 
-        name = self._settings.perception.lexicon
+        name = self._settings_in_use.perception.lexicon
         with self._encoder_lock:
             if name not in self._lexicons and (opened := find_lexicon(name, self._settings.models)) is not None:
                 self._lexicons[name] = opened
             return self._lexicons.get(name)
 
     def _looks(self) -> LooksModel | None:
-        if not (name := self._settings.perception.image_text):
+        perception = self._settings_in_use.perception
+        if not (name := perception.image_text):
             return None
         from fastsplat.service.query.phrases.looks_files import find_looks
 
         with self._encoder_lock:
-            opened = self._looks_models.get(name) or find_looks(self._settings.perception, self._settings.models)
+            opened = self._looks_models.get(name) or find_looks(perception, self._settings.models)
             if opened is not None:
                 self._looks_models[name] = opened
             return opened

@@ -8,6 +8,7 @@ from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.jobs.needed_models import in_use
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 
@@ -22,6 +23,11 @@ class ProjectContext:
     scenes: OpenScenes
     known_names: KnownNames
     quotas: Quotas
+
+    @property
+    def settings_in_use(self) -> Settings:
+        """The settings with the models that are chosen now."""
+        return in_use(self.settings, self.store.models.chosen())
 
     @property
     def project(self) -> str:

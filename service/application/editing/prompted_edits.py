@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.application.base.memory import MemoryBudget, masks_bytes
+from fastsplat.service.application.answering.project_context import ProjectContext
+from fastsplat.service.application.base.memory import masks_bytes
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians
-from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.object_prompts import PROMPTED, ObjectPrompt, Pixel, PixelBox
@@ -56,9 +56,9 @@ class PromptedEdits:
     be used, they led to the same pieces.
     """
 
-    def __init__(self, settings: Settings, memory: MemoryBudget) -> None:
-        self._settings = settings
-        self._segmenter = _SegmenterCache(settings, memory)
+    def __init__(self, context: ProjectContext) -> None:
+        self._settings = context.settings
+        self._segmenter = _SegmenterCache(context)
 
     def check(self, edits: Sequence[Edit]) -> None:
         """Validates all prompts; errors name the field inside `edits`."""
@@ -228,11 +228,11 @@ class _OpenSegmenter:
 
 
 class _SegmenterCache:
-    """Lazily opened segmenter of `settings.perception`, counted by `memory`. Thread-safe."""
+    """Lazily opened segmenter in use, counted by the memory budget. Thread-safe."""
 
-    def __init__(self, settings: Settings, memory: MemoryBudget) -> None:
-        self._settings = settings
-        self._memory = memory
+    def __init__(self, context: ProjectContext) -> None:
+        self._context = context
+        self._name = ""
         self._lock = threading.Lock()
         self._open: _OpenSegmenter | None = None
         self._counted = False
@@ -251,17 +251,18 @@ class _SegmenterCache:
             with self._lock:
                 keep = self._open is not None and not self._counted
                 self._counted = self._counted or keep
-            if keep and not self._memory.keep(self.bytes, self.drop):
+            if keep and not self._context.memory.keep(self.bytes, self.drop):
                 self.drop()
 
     def get(self) -> _OpenSegmenter:
         """The segmenter, opened if necessary; raises `ModelUnavailableError` for missing or damaged files."""
         from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 
+        settings = self._context.settings_in_use
         with self._lock:
-            if self._open is None:
-                segmenter = open_segmenter(self._settings.perception, self._settings.models)
-                self._open = _OpenSegmenter(segmenter, _KEPT_VIEWS)
+            if self._open is None or self._name != settings.perception.segmenter:
+                segmenter = open_segmenter(settings.perception, settings.models)
+                self._open, self._name = _OpenSegmenter(segmenter, _KEPT_VIEWS), settings.perception.segmenter
             return self._open
 
     def drop(self) -> None:

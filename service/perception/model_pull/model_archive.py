@@ -15,11 +15,11 @@ from pathlib import Path
 
 from fastsplat.service.perception.model_pull.model_check import check_model
 from fastsplat.service.perception.model_pull.pull import Step, check_writable, model_state, put_in_place
+from fastsplat.service.perception.models.model_files import RECEIPT, read_receipt
 from fastsplat.service.perception.models.model_manifest import ModelEntry, load_manifest
-from fastsplat.service.perception.onnx_session import file_sha256
 from fastsplat_contract.errors import ChecksumMismatchError, InvalidInputError, ResourceError, UnsafeArchiveError
 
-_MOST_FILE_BYTES = 8 << 30
+_MOST_FILE_BYTES, _MOST_RECEIPT_BYTES = 8 << 30, 1 << 20
 _CHUNK = 1 << 20
 
 
@@ -53,12 +53,15 @@ def unpack(
                         continue
                     staged = Path(work) / "models" / name
                     staged.mkdir(parents=True)
+                    if f"{name}/{RECEIPT}" in archive.namelist():
+                        _extract(archive, f"{name}/{RECEIPT}", staged / RECEIPT, None, report)
+                    noted = read_receipt(staged, name=name).sha256
                     for file in entries[name].files:
-                        _extract(archive, f"{name}/{file.name}", staged / file.name, file.sha256, report)
+                        sha256 = file.sha256 or noted.get(file.name)
+                        _extract(archive, f"{name}/{file.name}", staged / file.name, sha256, report)
                     report(Step(name, "trying it out"))
                     check_model(entries[name], Path(work) / "models")
                     put_in_place(staged, models / name, entries[name])
-                    file_sha256.cache_clear()  # the files at these paths have changed
                     report(Step(name, "ready"))
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise InvalidInputError(
@@ -81,17 +84,21 @@ def _models_in(archive: zipfile.ZipFile, entries: Mapping[str, ModelEntry]) -> S
         if name not in entries:
             raise UnsafeArchiveError(f'the manifest has no model "{name}"', field="archive")
         files = {f"{name}/{file.name}": file.size or _MOST_FILE_BYTES for file in entries[name].files}
-        infos = [info for info in members if info.filename.partition("/")[0] == name]
-        if sorted(info.filename for info in infos) != sorted(files):
+        # A calibration is of the machine that made it.
+        infos = [
+            i
+            for i in members
+            if i.filename.partition("/")[0] == name and not i.filename.startswith(f"{name}/calibration.")
+        ]
+        receipt = f"{name}/{RECEIPT}"
+        if sorted(info.filename for info in infos if info.filename != receipt) != sorted(files):
             raise UnsafeArchiveError(
                 f"model {name} has the files {', '.join(sorted(files))}, and the archive others", field="archive"
             )
         for info in infos:
-            if info.file_size > files[info.filename]:
+            if info.file_size > (limit := files.get(info.filename, _MOST_RECEIPT_BYTES)):
                 raise UnsafeArchiveError(
-                    f"{info.filename} has {info.file_size} bytes",
-                    field="archive",
-                    limit=f"{files[info.filename]} bytes",
+                    f"{info.filename} has {info.file_size} bytes", field="archive", limit=f"{limit} bytes"
                 )
     return held
 

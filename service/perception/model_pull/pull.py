@@ -14,10 +14,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from fastsplat.service.perception.model_pull.hub import RefusedError, pinned
 from fastsplat.service.perception.model_pull.model_check import check_model
 from fastsplat.service.perception.model_pull.sources import fetch_file, run_pip
-from fastsplat.service.perception.models.model_files import RECEIPT
-from fastsplat.service.perception.models.model_manifest import BUILT_IN_MANIFEST, Conversion, ModelEntry, load_manifest
+from fastsplat.service.perception.models.model_files import RECEIPT, Receipt, read_receipt
+from fastsplat.service.perception.models.model_manifest import (
+    BUILT_IN_MANIFEST,
+    Conversion,
+    HubSource,
+    ModelEntry,
+    select_models,
+)
 from fastsplat.service.perception.onnx_session import file_sha256
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
 
@@ -45,6 +52,7 @@ def pull(
     names: Sequence[str] = (),
     *,
     report: Callable[[Step], None],
+    planned: Callable[[ModelEntry], None] = lambda entry: None,
     manifest: Path | None = None,
     allow_licenses: Collection[str] = (),
     revision: str | None = None,
@@ -55,10 +63,12 @@ def pull(
 
     Args:
         models: the model directory, made if missing.
-        names: manifest entries; none: the defaults.
+        names: models and sets of the manifest; none: the defaults.
+        planned: called with each missing model, of known commits and sizes, before any file is fetched.
         manifest: another manifest than the built-in one.
         allow_licenses: SPDX names to accept beyond the permissive ones.
-        revision: commit for Hugging Face repositories without one in the manifest.
+        revision: commit, branch or tag for Hugging Face repositories without a commit in the manifest; models of
+            other commits are replaced. None: that of the first pull, otherwise the newest.
 
     Raises:
         InvalidInputError: an unknown name, or a license that needs consent; nothing was fetched.
@@ -67,33 +77,27 @@ def pull(
         ModelUnavailableError: a source, a checksum, a conversion or a trial failed.
     """
     source = manifest or BUILT_IN_MANIFEST
-    entries = {entry.name: entry for entry in load_manifest(source)}
-    selected = list(names) or [entry.name for entry in entries.values() if entry.default]
-    for name in selected:
-        if name not in entries:
-            raise InvalidInputError(
-                f'the manifest has no model "{name}"', field="name", hint=f"Choose among {', '.join(entries)}."
-            )
-        entry = entries[name]
+    selected = select_models(names, source)
+    for entry in selected:
         if not entry.permissive and entry.license not in allow_licenses:
             raise InvalidInputError(
-                f"model {name} is under {entry.license}, which is not a permissive license",
+                f"model {entry.name} is under {entry.license}, which is not a permissive license",
                 field="license",
                 hint=f"If its terms suit you, repeat with --allow-license {entry.license}.",
             )
-    missing = []
-    for name in selected:
-        if not _is_there(entries[name], models, report):
-            missing.append(entries[name])
+    missing = [entry for entry in selected if not _is_there(entry, models, revision, report)]
     if not missing:
         return
     check_writable(models)
     for entry in missing:
         if (models / entry.name).is_dir():
             check_writable(models / entry.name)
+    missing = [_pinned(entry, models, revision) for entry in missing]
+    for entry in missing:
+        planned(entry)
     with tempfile.TemporaryDirectory(prefix=".pull-", dir=models) as work:
         for entry in missing:
-            _pull_one(entry, models, Path(work), source.parent, revision, report)
+            _pull_one(entry, models, Path(work), source.parent, report)
 
 
 def model_state(entry: ModelEntry, models: Path) -> ModelState:
@@ -103,11 +107,10 @@ def model_state(entry: ModelEntry, models: Path) -> ModelState:
     """
     folder = models / entry.name
     expected = {file.name: file.sha256 for file in entry.files}
-    if (folder / RECEIPT).is_file():
-        try:
-            expected |= json.loads((folder / RECEIPT).read_text("utf-8"))["sha256"]
-        except (ValueError, KeyError, TypeError):
-            return "damaged"
+    try:
+        expected |= read_receipt(folder, name=entry.name).sha256
+    except ModelUnavailableError:
+        return "damaged"
     present = [name for name in expected if (folder / name).is_file()]
     if len(present) < len(expected):
         # A folder filled by hand may use other file names: adapters look for parts, not names.
@@ -118,8 +121,28 @@ def model_state(entry: ModelEntry, models: Path) -> ModelState:
     return "ready" if all(expected.values()) else "unverified"
 
 
-def _is_there(entry: ModelEntry, models: Path, report: Callable[[Step], None]) -> bool:
+def _pinned(entry: ModelEntry, models: Path, revision: str | None) -> ModelEntry:
+    try:
+        return pinned(entry, _receipt(entry, models), revision)
+    except RefusedError as error:
+        raise ModelUnavailableError(
+            f"model {entry.name} could not be looked up: {error}",
+            field=entry.name,
+            hint="Check the network and HF_ENDPOINT, or bring the models in a file: fastsplat models use FILE",
+        ) from error
+
+
+def _receipt(entry: ModelEntry, models: Path) -> Receipt:
+    try:
+        return read_receipt(models / entry.name, name=entry.name)
+    except ModelUnavailableError:  # damaged: nothing of it can be trusted
+        return Receipt()
+
+
+def _is_there(entry: ModelEntry, models: Path, revision: str | None, report: Callable[[Step], None]) -> bool:
     state = model_state(entry, models)
+    if revision and any(file["commit"] != revision for file in _receipt(entry, models).hub.values()):
+        return False
     if state == "unverified":
         # Put there by hand: kept if it works.
         report(Step(entry.name, "trying out what is there"))
@@ -151,9 +174,7 @@ def check_writable(folder: Path) -> None:
         raise ResourceError(f"the folder {folder} cannot be written", field="models", hint=_ELSEWHERE)
 
 
-def _pull_one(
-    entry: ModelEntry, models: Path, work: Path, base: Path, revision: str | None, report: Callable[[Step], None]
-) -> None:
+def _pull_one(entry: ModelEntry, models: Path, work: Path, base: Path, report: Callable[[Step], None]) -> None:
     staged = work / "models" / entry.name
     staged.mkdir(parents=True)
     carriers = work / f"{entry.name}-carriers"
@@ -165,16 +186,15 @@ def _pull_one(
         report(Step(entry.name, f"fetching {file.name}"))
 
         def on_bytes(done: int, total: int, what: str = file.name) -> None:
-            report(Step(entry.name, f"verifying {what}", done, total))
+            report(Step(entry.name, f"fetching {what}", done, total))
 
-        fetch_file(file, folder / file.name, cache=work, base=base, revision=revision, on_bytes=on_bytes)
+        fetch_file(file, folder / file.name, cache=work, base=base, on_bytes=on_bytes)
     if conversion:
         report(Step(entry.name, f"converting ({conversion.kind})"))
         _convert(conversion, carriers, staged, packages=work / f"{entry.name}-packages", name=entry.name)
     report(Step(entry.name, "trying it out"))
     check_model(entry, work / "models")
     put_in_place(staged, models / entry.name, entry)
-    file_sha256.cache_clear()  # the files at these paths have changed
     report(Step(entry.name, "ready"))
 
 
@@ -192,6 +212,7 @@ def put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
         "model": entry.name,
         "license": entry.license,
         "sha256": {file.name: file_sha256(staged / file.name) for file in entry.files},
+        "hub": {**read_receipt(staged, name=entry.name).hub, **_hub_files(entry)},
     }
     (staged / RECEIPT).write_text(json.dumps(receipt, indent=1) + "\n", "utf-8")
     for path in staged.iterdir():
@@ -206,6 +227,15 @@ def put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
         if aside.exists():
             shutil.move(aside, target)
         raise
+
+
+def _hub_files(entry: ModelEntry) -> dict[str, dict[str, str]]:
+    return {
+        file.name: {"repo": source.repo, "path": source.path, "commit": source.revision}
+        for file in entry.files
+        for source in file.sources[:1]
+        if isinstance(source, HubSource) and source.revision
+    }
 
 
 def _convert(conversion: Conversion, carriers: Path, target: Path, *, packages: Path, name: str) -> None:

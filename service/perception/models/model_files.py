@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from fastsplat.service.perception.models.model_manifest import load_manifest
@@ -15,7 +16,27 @@ from fastsplat.service.perception.onnx_session import file_sha256
 from fastsplat_contract.errors import ModelUnavailableError
 
 RECEIPT = "pulled.json"
-"""Written by a pull into a model's folder: the digests of its files."""
+"""Written by a pull into a model's folder."""
+
+
+@dataclass(frozen=True)
+class Receipt:
+    """What a pull noted: hex SHA-256 by file; repo, path and commit by file of a hub."""
+
+    sha256: Mapping[str, str] = field(default_factory=dict)
+    hub: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+
+def read_receipt(folder: Path, *, name: str) -> Receipt:
+    """Reads the receipt of a model; empty if nothing was pulled."""
+    path = folder / RECEIPT
+    try:
+        stored = json.loads(path.read_text("utf-8"))
+        return Receipt(dict(stored["sha256"]), dict(stored.get("hub", {})))
+    except (FileNotFoundError, NotADirectoryError):
+        return Receipt()
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise _damaged(path, name) from error
 
 
 def only_network(folder: Path, *, name: str) -> Path:
@@ -59,13 +80,15 @@ def known_digests(folder: Path, *, name: str) -> Mapping[str, str]:
     """Hex SHA-256 by file name, as far as known from manifest and receipt."""
     entry = next((entry for entry in load_manifest() if entry.name == name), None)
     digests = {file.name: file.sha256 for file in (entry.files if entry else ()) if file.sha256}
-    receipt = folder / RECEIPT
-    if receipt.is_file():
-        try:
-            digests |= json.loads(receipt.read_text("utf-8"))["sha256"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise _damaged(receipt, name) from error
-    return digests
+    return {**digests, **read_receipt(folder, name=name).sha256}
+
+
+def installed_digests(folder: Path, *, name: str) -> Mapping[str, str]:
+    """Hex SHA-256 by file name of a model that is here, read where none is known; empty if files are missing."""
+    known = known_digests(folder, name=name)
+    if not all((folder / file).is_file() for file in known):
+        return {}
+    return known or {path.name: file_sha256(path) for path in _networks(folder) or folder.glob("*.npz")}
 
 
 def only_table(folder: Path, *, name: str) -> Path:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
 
-from fastsplat_contract.errors import ModelUnavailableError
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 Role = Literal[
     "text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon", "reader", "image_text"
@@ -34,8 +34,13 @@ ROLES: Mapping[Role, tuple[Adapter, ...]] = {
 
 T = TypeVar("T")
 
-_Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
-_Revision = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{40}$")]
+Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+Commit = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{40}$")]
+
+DEFAULT = "default"
+"""The set of models that are in use unless others are chosen."""
+OPEN_VOCABULARY = "open-vocabulary"
+"""The set with which words of any kind are looked for."""
 
 BUILT_IN_MANIFEST = Path(__file__).parent / "manifest.toml"
 
@@ -57,12 +62,12 @@ class LocalSource(_Frozen):
 
 
 class HubSource(_Frozen):
-    """A file of a Hugging Face repository; without a revision, the caller must give one."""
+    """A file of a Hugging Face repository; without a revision, a pull takes the newest and keeps to it."""
 
     kind: Literal["huggingface"]
     repo: str
     path: str
-    revision: _Revision | None = None
+    revision: Commit | None = None
 
 
 class PackageSource(_Frozen):
@@ -72,7 +77,7 @@ class PackageSource(_Frozen):
     package: str
     version: str
     path: str
-    sha256: _Sha256
+    sha256: Sha256
 
 
 Source = Annotated[LocalSource | HubSource | PackageSource, Field(discriminator="kind")]
@@ -83,7 +88,8 @@ class ModelFile(_Frozen):
 
     name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     size: int | None = None
-    sha256: _Sha256 | None = None
+    sha256: Sha256 | None = None
+    git_blob: Commit | None = None  # SHA-1 of its git blob, of hub files that git itself stores
     sources: tuple[Source, ...] = ()
 
 
@@ -122,23 +128,71 @@ class ModelEntry(_Frozen):
     def permissive(self) -> bool:
         return self.license in PERMISSIVE
 
+    @property
+    def size(self) -> int:
+        """Bytes to fetch, as far as known."""
+        files = (*self.files, *(self.conversion.carriers if self.conversion else ()))
+        return sum(file.size or 0 for file in files)
+
+    @property
+    def commits(self) -> tuple[str, ...]:
+        """Hub repositories with their commits, each once."""
+        sources = (source for file in self.files for source in file.sources if isinstance(source, HubSource))
+        return tuple(dict.fromkeys(f"{source.repo} at {source.revision}" for source in sources))
+
+
+class _ModelSet(_Frozen):
+    """Models that are used together, at most one a role."""
+
+    name: str
+    models: tuple[str, ...]
+
 
 class _Manifest(_Frozen):
     model: tuple[ModelEntry, ...]
+    set: tuple[_ModelSet, ...] = ()
+
+    @model_validator(mode="after")
+    def _names_are_unique_and_known(self) -> _Manifest:
+        names = [DEFAULT, *(entry.name for entry in self.model), *(group.name for group in self.set)]
+        if len(set(names)) != len(names):
+            raise ValueError("a model or set is named twice")
+        if unknown := {name for group in self.set for name in group.models} - set(names):
+            raise ValueError(f"a set names {', '.join(sorted(unknown))}, which is no model")
+        return self
+
+
+def load_manifest(path: Path | None = None) -> tuple[ModelEntry, ...]:
+    """Loads a manifest (None: the built-in one); a damaged one raises `ModelUnavailableError`."""
+    return _load(path or BUILT_IN_MANIFEST).model
+
+
+def select_models(names: Sequence[str], path: Path | None = None) -> tuple[ModelEntry, ...]:
+    """Looks up models and sets of a manifest by name; no names, or "default": the defaults.
+
+    Raises:
+        InvalidInputError: an unknown name.
+    """
+    manifest = _load(path or BUILT_IN_MANIFEST)
+    members = {entry.name: (entry.name,) for entry in manifest.model} | {
+        DEFAULT: tuple(entry.name for entry in manifest.model if entry.default),
+        **{group.name: group.models for group in manifest.set},
+    }
+    for name in names:
+        if name not in members:
+            raise InvalidInputError(
+                f'the manifest has no model "{name}"', field="name", hint=f"Choose among {', '.join(members)}."
+            )
+    selected = {member for name in names or [DEFAULT] for member in members[name]}
+    return tuple(entry for entry in manifest.model if entry.name in selected)
 
 
 @cache
-def load_manifest(path: Path | None = None) -> tuple[ModelEntry, ...]:
-    """Loads a manifest (None: the built-in one); a damaged one raises `ModelUnavailableError`."""
-    path = path or BUILT_IN_MANIFEST
+def _load(path: Path) -> _Manifest:
     try:
-        entries = _Manifest.model_validate(tomllib.loads(path.read_text("utf-8"))).model
+        return _Manifest.model_validate(tomllib.loads(path.read_text("utf-8")))
     except (OSError, tomllib.TOMLDecodeError, ValidationError) as error:
         raise ModelUnavailableError(f"{path} is not a model manifest: {error}", field="manifest") from error
-    names = [entry.name for entry in entries]
-    if len(set(names)) != len(names):
-        raise ModelUnavailableError(f"{path} names a model twice", field="manifest")
-    return entries
 
 
 def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 from sqlalchemy import Connection, Update, func, select, update
@@ -13,7 +14,7 @@ from sqlalchemy import Connection, Update, func, select, update
 from fastsplat.service.store.repositories.scene_repository import as_operation
 from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable
 from fastsplat.service.store.rows.database import Repository
-from fastsplat.service.store.rows.records import Attempt, OperationRecord
+from fastsplat.service.store.rows.records import MODELS, Attempt, ModelChoice, OperationRecord
 from fastsplat.service.store.rows.schema import operations
 from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, OperationState
 
@@ -71,10 +72,21 @@ class JobQueue(Repository):
         with self._reading() as connection:
             return each_readable(connection.execute(query.order_by(*order)).mappings(), as_operation)
 
-    def claim_next(self, worker: str) -> Claim | None:
-        """Claims the first job `in_turn`; None if nothing waits, or another worker was faster."""
-        waiting = self.in_turn()
-        return self.claim(waiting[0].id, worker) if waiting else None
+    def claim_next(
+        self,
+        worker: str,
+        choice: ModelChoice = MappingProxyType({}),
+        can_use: Callable[[ModelChoice], bool] = lambda choice: True,
+    ) -> Claim | None:
+        """Claims the first job `in_turn` whose models the worker can use, if any waits.
+
+        Jobs begin with `choice`; those begun before keep theirs. Returns None also if another worker was faster.
+        """
+        for job in self.in_turn():
+            models = job.models if job.state == "RUNNING" else choice
+            if can_use(models):
+                return self.claim(job.id, worker, models)
+        return None
 
     def in_turn(self) -> Sequence[OperationRecord]:
         """Lists the jobs that no worker has, in the order in which they would begin.
@@ -108,18 +120,18 @@ class JobQueue(Repository):
         with self._reading() as connection:
             return each_readable(connection.execute(query).mappings(), as_operation)
 
-    def claim(self, operation_id: str, worker: str = "") -> Claim | None:
+    def claim(self, operation_id: str, worker: str = "", models: ModelChoice | None = None) -> Claim | None:
         """Claims a waiting job, counts one start and fences earlier claims.
 
-        Nobody else may claim it until `worker` (its executor id; "": nobody) ends or `take_back` is called. Returns
-        None if it does not wait.
+        Nobody else may claim it until `worker` (its executor id; "": nobody) ends or `take_back` is called. It keeps
+        `models`; None: those that it has. Returns None if it does not wait.
         """
         waiting = select(operations).where(operations.c.id == operation_id, _UNCLAIMED).with_for_update()
         with self._writing() as connection:
             row = connection.execute(waiting).mappings().first()
             if row is None:
                 return None
-            return _begin(connection, as_operation(row), "worker_died", worker)
+            return _begin(connection, as_operation(row), "worker_died", worker, models)
 
     def claim_again(self, claim: Claim) -> Claim:
         """Starts another attempt after the trainer died; raises `FencedError` as `JobRepository.report`."""
@@ -164,7 +176,9 @@ class JobQueue(Repository):
         return [(row.id, row.updated_at, row.stages) for row in rows if are_objects(row.stages)]
 
 
-def _begin(connection: Connection, before: OperationRecord, after: AgainAfter, worker: str) -> Claim:
+def _begin(
+    connection: Connection, before: OperationRecord, after: AgainAfter, worker: str, models: ModelChoice | None = None
+) -> Claim:
     """Begins an attempt; `after` is what ended the previous one, unless that is known."""
     earlier, here, now = end_attempt(before, after), operations.c.id == before.id, time.time()
     newest = Attempt(number=before.attempt + 1, worker=worker, began_at=now, ended_at=None, why=None)
@@ -172,6 +186,8 @@ def _begin(connection: Connection, before: OperationRecord, after: AgainAfter, w
         "state": "RUNNING", "attempt": newest["number"], "starts": operations.c.starts + 1, "worker": worker,
         "attempts": [*earlier, newest], "updated_at": now,
     }  # fmt: skip
+    if models not in (None, before.models):
+        values["options"] = {**before.options, MODELS: dict(models)}
     connection.execute(update(operations).where(here).values(values))
     record = as_operation(connection.execute(select(operations).where(here)).mappings().one())
     return Claim(record, record.attempt)

@@ -19,6 +19,12 @@ SECONDS_LEFT = "job_seconds_left"
 PREDICTED_S = "predicted_s"
 """Key of `OperationRecord.options`: how long its job was said to take, seconds, where that was known when it came."""
 
+MODELS = "models"
+"""Key of `OperationRecord.options`: the choice of models that a job began with, and keeps."""
+
+ModelChoice = Mapping[str, Mapping[str, Any]]
+"""By role, the model that API and workers use: "name" as in a setting, "sha256" by file. Others are the settings'."""
+
 _SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
 _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
 
@@ -134,6 +140,11 @@ class OperationRecord:
         """The reason why the attempt before this or the next one ended; None for the first one."""
         earlier = self.attempts if self.state == "QUEUED" else self.attempts[:-1]
         return earlier[-1]["why"] if earlier else None
+
+    @property
+    def models(self) -> ModelChoice:
+        """The choice that the job keeps."""
+        return self.options.get(MODELS) or {}
 
     @property
     def makes_scene(self) -> bool:

@@ -165,6 +165,14 @@ quota_usage = Table(
     Column("bytes", BigInteger, nullable=False),
 )
 
+chosen_models = Table(
+    "chosen_models",
+    metadata,
+    Column("role", String(40), primary_key=True),
+    Column("name", String(200), nullable=False),
+    Column("sha256", JSON, nullable=False),  # by file name
+)
+
 identity = Table(
     "identity",
     metadata,

@@ -2,33 +2,30 @@ import type { ServerHealth, ServerStatus } from "../api/types";
 import { duration } from "../jobs/timing";
 import { texts } from "../texts";
 import { bytesText } from "../texts/figures";
+import { CopyField } from "../ui/CopyField";
+
+const USE = "fastsplat models use open-vocabulary";
 
 /** Release, models, workers, limits, and how much room the project has left. */
 export function Abilities({ status }: { status: ServerStatus }) {
+  const { health } = status;
   const full = status.quotas.filter((quota) => quota.limit !== null && quota.used >= quota.limit);
+  const notes = full.map((quota) => texts.quota.full[quota.kind]);
+  if (health && health.disk.free_bytes < health.disk.floor_bytes) notes.unshift(texts.server.diskFull);
+  if (status.workers === 0) notes.unshift(texts.server.noWorkers);
   return (
     <section class="server-part" aria-labelledby="abilities-title">
       <h2 id="abilities-title">{texts.server.abilities}</h2>
-      {status.workers === 0 && (
-        <p class="note error" role="status">
-          {texts.server.noWorkers}
-        </p>
-      )}
-      {status.health && status.health.disk.free_bytes < status.health.disk.floor_bytes && (
-        <p class="note error" role="status">
-          {texts.server.diskFull}
-        </p>
-      )}
-      {full.map((quota) => (
-        <p key={quota.kind} class="note error" role="status">
-          {texts.quota.full[quota.kind]}
+      {notes.map((note) => (
+        <p key={note} class="note error" role="status">
+          {note}
         </p>
       ))}
       <dl class="facts-list">
         <Fact name={texts.server.version} value={status.version} />
         <Fact name={texts.server.project} value={`${status.project} (${texts.server.roles[status.role]})`} />
         <Fact name={texts.server.workers} value={String(status.workers)} />
-        {status.health && <Health health={status.health} />}
+        {health && <Health health={health} />}
         <Fact name={texts.server.training} value={texts.server.backends[status.training_backend] ?? ""} />
         <Fact name={texts.server.drawing} value={texts.server.backends[status.backend] ?? ""} />
         {status.quotas.map((quota) => (
@@ -54,6 +51,9 @@ export function Abilities({ status }: { status: ServerStatus }) {
           </li>
         ))}
       </ul>
+      {health && status.models.some(({ role, state }) => role === "open_set_detector" && state === "unset") && (
+        <CopyField label={texts.server.anyWord} text={USE} />
+      )}
     </section>
   );
 }

@@ -25,6 +25,7 @@ export const serverTexts = {
     mostImages: "Most images in one upload",
     models: "Models",
     none: "none",
+    anyWord: "To look for words of any kind, run on the server’s machine",
     modelRoles: {
       text_encoder: "Reads questions",
       closed_set_detector: "Detects known classes",
