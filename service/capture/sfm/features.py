@@ -54,7 +54,7 @@ def _features(
     gray: NDArray[np.uint8], mask: NDArray[np.uint8] | None, max_side: int, count: int
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Finds the largest features: x, y, scale and orientation, float32 [F, 4], and descriptors, uint8 [F, 128]."""
-    sift = cv2.SIFT_create(0, 3, _CONTRAST, _EDGE, 1.6, True)
+    sift = cv2.SIFT.create(0, 3, _CONTRAST, _EDGE, 1.6, True)
     factor = min(1.0, max_side / max(gray.shape))
     # OpenCV doubles the image first, which at half the size gives the octaves from the image's own on.
     for share, enough in ((0.5, _ENOUGH * count), (1.0, 0)):
@@ -67,7 +67,7 @@ def _features(
     sizes = np.array([point.size for point in at])
     largest = np.argsort(-sizes, kind="stable")[:count]
     zoom = np.array(gray.shape[::-1]) / small.shape[::-1]
-    places = (cv2.KeyPoint.convert(at) + 0.5) * zoom
+    places = (np.asarray(cv2.KeyPoint.convert(at)) + 0.5) * zoom
     shapes = [sizes / 2 * zoom[0], np.radians([point.angle for point in at])]
     rooted = np.sqrt(found / np.maximum(found.sum(axis=1, keepdims=True), 1e-9))  # Arandjelović, Zisserman, CVPR 2012
     descriptors = np.clip(np.round(512 * rooted), 0, 255).astype(np.uint8)
