@@ -74,7 +74,8 @@ def validate_reconstruction(
 def _refuse_degenerate(reconstruction: Reconstruction) -> None:
     centers = reconstruction.world_from_camera[:, :3, 3]
     travel = float(np.linalg.norm(centers.max(axis=0) - centers.min(axis=0)))
-    depth = float(np.median(depths(reconstruction.world_from_camera, reconstruction.points)))
+    # Of opposite faces of a panorama, depths cancel out.
+    depth = float(np.median(np.abs(depths(reconstruction.world_from_camera, reconstruction.points))))
     if np.median(reconstruction.angles_deg) < _MIN_ANGLE_DEG or not 0 < depth < _MAX_DEPTH_TO_BASELINE * travel:
         raise ReconstructionError(
             "the camera hardly moved: depth cannot be told from photos that only turn in place",

@@ -32,11 +32,8 @@ def _found(folder: Path, pictures: list[np.ndarray], count: int, side: int = 2_0
     pycolmap.import_images(database, folder, image_names=files)
     extract_features(database, folder, files, masks, {"sfm_max_side": side, "sfm_features": count}, threads)
     with pycolmap.Database.open(database) as reader:
-        images = sorted(reader.read_all_images(), key=lambda image: image.name)
-        return [
-            (np.asarray(reader.read_keypoints(i.image_id)), np.asarray(reader.read_descriptors(i.image_id).data))
-            for i in images
-        ]
+        ids = sorted(image.image_id for image in reader.read_all_images())
+        return [(np.asarray(reader.read_keypoints(i)), np.asarray(reader.read_descriptors(i).data)) for i in ids]
 
 
 @pytest.mark.parametrize(("count", "zoom"), [(300, 1), (4_000, 1), (300, 3), (4_000, 3)])
