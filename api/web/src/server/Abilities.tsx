@@ -4,8 +4,6 @@ import { texts } from "../texts";
 import { bytesText } from "../texts/figures";
 import { CopyField } from "../ui/CopyField";
 
-const USE = "fastsplat models use open-vocabulary";
-
 /** Release, models, workers, limits, and how much room the project has left. */
 export function Abilities({ status }: { status: ServerStatus }) {
   const { health } = status;
@@ -52,7 +50,7 @@ export function Abilities({ status }: { status: ServerStatus }) {
         ))}
       </ul>
       {health && status.models.some(({ role, state }) => role === "open_set_detector" && state === "unset") && (
-        <CopyField label={texts.server.anyWord} text={USE} />
+        <CopyField label={texts.server.anyWord} text="fastsplat models use open-vocabulary" />
       )}
     </section>
   );
