@@ -18,15 +18,19 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
 from fastsplat.service.common.array_files import write_arrays
+from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.files import atomic_directory
 from fastsplat.service.scene.artefact.alignment import frame_name
 from fastsplat.service.scene.artefact.scene import F32, Evidence, Gaussians, Object, Objects, Parts, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene_facts import split_quality
 from fastsplat.service.scene.artefact.scene_manifest import (
     Manifest,
+    Stored,
     cameras_from_bytes,
     cameras_to_bytes,
     manifest_from_bytes,
     manifest_to_bytes,
+    object_of_row,
 )
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, SceneFileError
 
@@ -65,36 +69,11 @@ def write_scene(scene: Scene, folder: Path) -> None:
     evidence, membership, parts = _evidence_of(scene), _membership_of(scene), _parts_of(scene)
     cameras = cameras_to_bytes(scene.cameras)
     manifest = manifest_to_bytes(
-        Manifest(
-            dictionary=scene.dictionary,
-            text_encoder=scene.text_encoder,
-            label_templates=scene.label_templates,
-            scale=scene.scale,
-            training=scene.training,
-            quality=scene.quality,
-            facts=scene.facts,
-            gaussians=len(scene.gaussians),
-            sh=scene.gaussians.sh.shape[1],
-            code=scene.gaussians.codes.shape[1],
-            embedding=scene.label_embeddings.shape[1],
-            arrays_sha256=_digest_arrays(arrays),
-            evidence_entries=len(evidence["counts"]) if evidence else None,
-            evidence_sha256=_digest_arrays(evidence) if evidence else "",
-            objects=None if scene.objects is None else scene.objects.table,
-            objects_entries=len(membership["counts"]) if membership else 0,
-            objects_sha256=_digest_arrays(membership) if membership else "",
-            objects_classes=None
-            if scene.objects is None or scene.objects.head is None
-            else len(scene.objects.head.bias),
-            next_object_id=0 if scene.objects is None else scene.objects.next_id,
-            parts=None if scene.objects is None or scene.objects.parts is None else scene.objects.parts.table,
-            parts_entries=len(parts["counts"]) if parts else 0,
-            parts_sha256=_digest_arrays(parts) if parts else "",
-            groups=() if scene.objects is None else scene.objects.groups,
-            scaling=scene.scaling,
-            alignment=scene.alignment,
-            observations=scene.observations,
-        ),
+        scene,
+        _digest_arrays(arrays),
+        _stored(evidence) if evidence else None,
+        _stored(membership),
+        _stored(parts),
         cameras,
     )
     try:
@@ -131,22 +110,24 @@ def read_scene(folder: Path) -> Scene:
 def _read_scene(folder: Path) -> Scene:
     cameras_bytes = _read(folder / _CAMERAS)
     manifest = manifest_from_bytes(_read(folder / _MANIFEST), cameras_bytes)
-    shapes = _scene_shapes(manifest.gaussians, manifest.sh, manifest.code, len(manifest.dictionary), manifest.embedding)
+    sizes = manifest.sizes
+    shapes = _scene_shapes(sizes.gaussians, sizes.sh, sizes.code, len(manifest.entries), sizes.embedding)
     arrays: dict[str, F32] = _mapped(folder / _ARRAYS, shapes, manifest.arrays_sha256)
     if bad := _first_non_finite(arrays):
         raise SceneFileError(f"{_ARRAYS} has NaN or infinite numbers in {bad}", field=_ARRAYS, hint=_RESTORE)
+    facts, quality = split_quality(manifest.quality)
     return Scene(
         gaussians=Gaussians(**{field.name: arrays[field.name] for field in fields(Gaussians)}),
         head=SemanticHead(arrays["head.weight"], arrays["head.bias"]),
-        dictionary=manifest.dictionary,
+        dictionary=Dictionary(manifest.entries),
         label_embeddings=arrays["label_embeddings"],
-        text_encoder=manifest.text_encoder,
+        text_encoder=(manifest.text_encoder.name, manifest.text_encoder.sha256),
         label_templates=manifest.label_templates,
         cameras=cameras_from_bytes(cameras_bytes, frame_name(manifest.alignment)),
         scale=manifest.scale,
         training=manifest.training,
-        quality=manifest.quality,
-        facts=manifest.facts,
+        quality=quality,
+        facts=facts,
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
         objects=_read_objects(folder, manifest),
         scaling=manifest.scaling,
@@ -156,6 +137,10 @@ def _read_scene(folder: Path) -> Scene:
 
 
 _RESTORE = "Restore the scene's folder from a backup, or train it again."
+
+
+def _stored(sparse: Mapping[str, _Array]) -> Stored:
+    return {"entries": len(sparse["counts"]), "sha256": _digest_arrays(sparse)} if sparse else {}
 
 
 def _arrays_of(scene: Scene) -> dict[str, F32]:
@@ -200,35 +185,37 @@ def _parts_of(scene: Scene) -> dict[str, _Array]:
 
 
 def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
-    if manifest.evidence_entries is None:
+    stored = manifest.evidence
+    if stored is None:
         return None
-    shapes = _evidence_shapes(manifest.gaussians, manifest.evidence_entries)
-    evidence = _sparse_counts(path, _mapped(path, shapes, manifest.evidence_sha256))
-    if wrong := _check_evidence(evidence, len(manifest.dictionary)):
+    shapes = _evidence_shapes(manifest.sizes.gaussians, stored.entries)
+    evidence = _sparse_counts(path, _mapped(path, shapes, stored.sha256))
+    if wrong := _check_evidence(evidence, len(manifest.entries)):
         raise _damaged(path, wrong)
     return evidence
 
 
 def _read_objects(folder: Path, manifest: Manifest) -> Objects | None:
-    if manifest.objects is None:
+    stored, gaussians = manifest.objects, manifest.sizes.gaussians
+    if stored is None:
         return None
-    path = folder / _OBJECTS
-    classes, shapes = manifest.objects_classes, _evidence_shapes(manifest.gaussians, manifest.objects_entries)
+    path, classes, shapes = folder / _OBJECTS, stored.classes, _evidence_shapes(gaussians, stored.entries)
     arrays = _mapped(
-        path, shapes if classes is None else {**shapes, **_head_shapes(classes, manifest.code)}, manifest.objects_sha256
+        path, shapes if classes is None else {**shapes, **_head_shapes(classes, manifest.sizes.code)}, stored.sha256
     )
     head = None
     if classes is not None:
         head = SemanticHead(arrays.pop("head.weight"), arrays.pop("head.bias"))
         if bad := _first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
             raise _damaged(path, f"{bad} has NaN or infinite numbers")
-    membership = _members(path, _sparse_counts(path, arrays), manifest.objects)
+    table = tuple(map(object_of_row, stored.table))
+    membership = _members(path, _sparse_counts(path, arrays), table)
     parts = None
-    if manifest.parts is not None:
-        path = folder / _PARTS
-        arrays = _mapped(path, _evidence_shapes(manifest.gaussians, manifest.parts_entries), manifest.parts_sha256)
-        parts = Parts(manifest.parts, _members(path, _sparse_counts(path, arrays), manifest.parts))
-    return Objects(manifest.objects, membership, manifest.next_object_id, parts, head, manifest.groups)
+    if stored.parts is not None:
+        path, part_table = folder / _PARTS, tuple(map(object_of_row, stored.parts.table))
+        arrays = _mapped(path, _evidence_shapes(gaussians, stored.parts.entries), stored.parts.sha256)
+        parts = Parts(part_table, _members(path, _sparse_counts(path, arrays), part_table))
+    return Objects(table, membership, stored.next_id, parts, head, stored.groups)
 
 
 def _members(path: Path, membership: Evidence, table: tuple[Object, ...]) -> Evidence:
@@ -344,21 +331,20 @@ def _map_arrays(path: Path, shapes: _Shapes) -> dict[str, _Array]:
             header_bytes = int.from_bytes(raw.read(8), "little")
             header = json.loads(raw.read(header_bytes))
     except (SafetensorError, OSError, ValueError) as error:
-        raise _damaged_arrays(path, f"cannot be read: {error}") from error
+        raise SceneFileError.of(path.name, f"cannot be read: {error}", _RESTORE) from error
     if names != set(shapes):
-        raise _damaged_arrays(path, f"holds the arrays {sorted(names)}, expected {sorted(shapes)}")
+        raise SceneFileError.of(path.name, f"holds the arrays {sorted(names)}, expected {sorted(shapes)}", _RESTORE)
     for name, (code, shape) in shapes.items():
         if stored[name] != (code, list(shape)):
-            raise _damaged_arrays(
-                path, f"has {name} as {stored[name][0]} {stored[name][1]}, expected {code} {list(shape)}"
-            )
+            what = f"has {name} as {stored[name][0]} {stored[name][1]}, expected {code} {list(shape)}"
+            raise SceneFileError.of(path.name, what, _RESTORE)
     start = 8 + header_bytes
     mapped = np.memmap(path, dtype=np.uint8, mode="r")
     arrays: dict[str, _Array] = {}
     for name, (code, shape) in shapes.items():
         begin, end = header[name]["data_offsets"]
         if (start + begin) % _CODES[code].itemsize:
-            raise _damaged_arrays(path, f"has {name} at a place that is not aligned to its numbers")
+            raise SceneFileError.of(path.name, f"has {name} at a place that is not aligned to its numbers", _RESTORE)
         arrays[name] = np.asarray(mapped[start + begin : start + end]).view(_CODES[code]).reshape(shape)
     return arrays
 
@@ -390,7 +376,3 @@ def _chunks(array: _Array) -> Iterator[_Array]:
     step = _CHUNK_BYTES // flat.itemsize
     for start in range(0, len(flat), step):
         yield flat[start : start + step]
-
-
-def _damaged_arrays(path: Path, what: str) -> SceneFileError:
-    return SceneFileError.of(path.name, f"{what}", "Restore the scene's folder from a backup, or train it again.")
