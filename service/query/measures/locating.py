@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.gaussians.connectivity import rotations_of
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
@@ -160,15 +161,5 @@ def _depths_along(index: SceneIndex, rows: NDArray[np.int64], origin: F64, direc
 
 def axes_of(index: SceneIndex, rows: NDArray[np.int64]) -> tuple[F64, F64]:
     """Principal axes (columns of [K, 3, 3]) and standard deviations [K, 3] of Gaussians `rows`."""
-    w, x, y, z = np.moveaxis(index.scene.gaussians.quats[rows].astype(np.float64), 1, 0)
-    norm = np.maximum(np.sqrt(w * w + x * x + y * y + z * z), np.finfo(np.float64).tiny)
-    w, x, y, z = w / norm, x / norm, y / norm, z / norm
-    axes = np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], axis=1),
-            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], axis=1),
-            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=1),
-        ],
-        axis=1,
-    )
-    return axes, np.exp(index.scene.gaussians.log_scales[rows].astype(np.float64))
+    gaussians = index.scene.gaussians
+    return rotations_of(gaussians.quats[rows]), np.exp(gaussians.log_scales[rows].astype(np.float64))

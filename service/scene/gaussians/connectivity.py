@@ -74,7 +74,7 @@ def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.i
         return component
     left, right, distance = left[doubtful], right[doubtful], distance[doubtful]
     ends, place = np.unique(np.concatenate([left, right]), return_inverse=True)
-    turns, end_scales = _rotations(quats[ends]), scales[ends]
+    turns, end_scales = rotations_of(quats[ends]), scales[ends]
     towards = (means[right] - means[left]) / np.maximum(distance, np.finfo(np.float64).tiny)[:, None]
     reach = sum(_deviation(end_scales[side], turns[side], towards) for side in np.split(place, 2))
     touch = distance <= _REACH * reach
@@ -114,8 +114,8 @@ def _deviation(scales: F64, turns: F64, towards: F64) -> F64:
     return np.asarray(np.linalg.norm(np.einsum("pij,pi->pj", turns, towards) * scales, axis=1))
 
 
-def _rotations(quats: NDArray[np.float32]) -> F64:
-    """Converts quaternions to world-from-Gaussian rotations [K, 3, 3]; zero quaternions to identity."""
+def rotations_of(quats: NDArray[np.float32]) -> F64:
+    """Converts quaternions w x y z [K, 4] to rotations, float64 [K, 3, 3]; zero ones to identity."""
     usable = quats.astype(np.float64)[:, [1, 2, 3, 0]]
     usable[~(np.linalg.norm(usable, axis=1) > 0)] = (0.0, 0.0, 0.0, 1.0)
     return np.asarray(Rotation.from_quat(usable).as_matrix())

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import get_args
 
-from sqlalchemy import ColumnElement, Connection, and_, func, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, and_, func, insert, or_, select, tuple_, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.rows.database import Repository
@@ -96,9 +96,7 @@ class KeyRepository(Repository):
             query = query.where(rows.scene_id == scene_id)
         query = query.order_by(rows.created_at.desc(), rows.id.desc()).limit(limit)
         if after is not None:
-            created, key_id = after
-            same_time = and_(rows.created_at == created, rows.id < key_id)
-            query = query.where(or_(rows.created_at < created, same_time))
+            query = query.where(tuple_(rows.created_at, rows.id) < after)
         with self._reading() as connection:
             return [KeyRecord(**row) for row in connection.execute(query).mappings()]
 

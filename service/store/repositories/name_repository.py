@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, insert, literal, or_, select
+from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, insert, literal, select, tuple_
 
 from fastsplat.service.scene.artefact.reads import tags_of
 from fastsplat.service.store.rows.database import Repository
@@ -142,8 +142,7 @@ class KnownNameRepository(Repository):
         """Lists names that count, newest first, after (named_at, id)."""
         query = select(*_ROWS).join(scenes, _OF_CURRENT).where(self._within())
         if after is not None:
-            at, name_id = after
-            query = query.where(or_(_ROWS.named_at < at, and_(_ROWS.named_at == at, _ROWS.id < name_id)))
+            query = query.where(tuple_(_ROWS.named_at, _ROWS.id) < after)
         with self._reading() as connection:
             rows = connection.execute(query.order_by(*_NEWEST_FIRST).limit(limit))
             return [_record(row) for row in rows.mappings()]

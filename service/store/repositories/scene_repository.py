@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
 
-from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, and_, delete, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, delete, insert, select, tuple_, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.repositories.name_repository import forget_names
@@ -62,11 +62,8 @@ class SceneRepository(Repository):
                 connection.execute(insert(scenes).values(scene))
                 within(connection)
                 return self._operation(connection, job.operation_id), True
-        except IntegrityError:
-            earlier = self.find_request(job.request_id, job.request_digest, job.project)
-            if earlier is None:
-                raise
-            return earlier, False
+        except IntegrityError as error:
+            return self._earlier(error, job.request_id, job.request_digest, job.project), False
 
     def add_ready(
         self,
@@ -84,11 +81,8 @@ class SceneRepository(Repository):
                 record_photos(connection, scene.id, photos)
                 within(connection)
                 return operation
-        except IntegrityError:
-            earlier = self.find_request(request_id, operation.request_digest, operation.project)
-            if earlier is None:
-                raise
-            return earlier
+        except IntegrityError as error:
+            return self._earlier(error, request_id, operation.request_digest, operation.project)
 
     def add_job(self, job: NewJob) -> OperationRecord:
         """Queues an operation on an existing scene; request ids and errors are as in `create`."""
@@ -99,11 +93,13 @@ class SceneRepository(Repository):
                     raise no_scene(job.scene_id)
                 connection.execute(insert(operations).values(queued_row(job)))
                 return self._operation(connection, job.operation_id)
-        except IntegrityError:
-            earlier = self.find_request(job.request_id, job.request_digest, job.project)
-            if earlier is None:
-                raise
-            return earlier
+        except IntegrityError as error:
+            return self._earlier(error, job.request_id, job.request_digest, job.project)
+
+    def _earlier(self, error: IntegrityError, request_id: str, digest: str, project: str) -> OperationRecord:
+        if (earlier := self.find_request(request_id, digest, project)) is None:
+            raise error
+        return earlier
 
     def find_request(self, request_id: str, digest: str, project: str = DEFAULT_PROJECT) -> OperationRecord | None:
         """Returns the operation made by a request id, or None; other content raises `ConflictError`."""
@@ -155,9 +151,7 @@ class SceneRepository(Repository):
         query = select(*_LISTED).where(*self._within(scenes))
         query = query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())
         if after is not None:
-            created, scene_id = after
-            same_time = and_(scenes.c.created_at == created, scenes.c.id < scene_id)
-            query = query.where(or_(scenes.c.created_at < created, same_time))
+            query = query.where(tuple_(scenes.c.created_at, scenes.c.id) < after)
         with self._reading() as connection:
             return first_readable(connection, query, limit, lambda row: SceneRecord(**row, cameras=()))
 
@@ -171,9 +165,7 @@ class SceneRepository(Repository):
         if state is not None:
             query = query.where(rows.state == state)
         if after is not None:
-            created, operation_id = after
-            same_time = and_(rows.created_at == created, rows.id < operation_id)
-            query = query.where(or_(rows.created_at < created, same_time))
+            query = query.where(tuple_(rows.created_at, rows.id) < after)
         with self._reading() as connection:
             return first_readable(connection, query, limit, as_operation)
 
