@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
+from fastsplat.service.query.objects.picking import check_pixel
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.gaussians.connectivity import rotations_of
 from fastsplat.service.splatting.gaussians import splats_of
@@ -86,14 +87,8 @@ def _at_pixel(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> Located:
     dᵀ Σ⁻¹ d; the surface is their weighted median. Across the ray σ is the width of one pixel there; along the ray it
     is √(q² + s² + g²): q half of the weights' 16 % to 84 % range, s the mean deviation 1 / √(dᵀ Σ⁻¹ d) of the
     Gaussians, g the depth change per pixel, horizontally and vertically."""
+    check_pixel(posed, pixel)
     camera = posed.camera
-    if not (0 <= pixel.x < camera.width and 0 <= pixel.y < camera.height):
-        raise InvalidInputError(
-            f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {camera.width}×{camera.height}",
-            field="pixel",
-            limit=f"0 to below {camera.width} and 0 to below {camera.height}",
-            hint="Send pixels of the camera's own picture.",
-        )
     rows, weights = _weights_around(index, posed, pixel)
     nothing = NotFoundError(
         f"there is nothing at the pixel ({pixel.x:g}, {pixel.y:g})",

@@ -169,10 +169,10 @@ def _membership_of(scene: Scene) -> dict[str, _Array]:
     head = scene.objects.head
     if head is None:
         return arrays
-    of_head: dict[str, _Array] = {"head.weight": head.weight, "head.bias": head.bias}
-    if bad := _first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
+    of_head: dict[str, F32] = {"head.weight": head.weight, "head.bias": head.bias}
+    if bad := _first_non_finite(of_head):
         raise InvalidInputError(f"the objects' {bad} holds NaN or infinite numbers", field="objects.head")
-    return arrays | of_head
+    return {**arrays, **of_head}
 
 
 def _parts_of(scene: Scene) -> dict[str, _Array]:
@@ -205,9 +205,10 @@ def _read_objects(folder: Path, manifest: Manifest) -> Objects | None:
     )
     head = None
     if classes is not None:
-        head = SemanticHead(arrays.pop("head.weight"), arrays.pop("head.bias"))
-        if bad := _first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
+        of_head = {name: arrays.pop(name) for name in ("head.weight", "head.bias")}
+        if bad := _first_non_finite(of_head):
             raise _damaged(path, f"{bad} has NaN or infinite numbers")
+        head = SemanticHead(*of_head.values())
     table = tuple(map(object_of_row, stored.table))
     membership = _members(path, _sparse_counts(path, arrays), table)
     parts = None

@@ -107,33 +107,18 @@ class _ObjectsRow(_StrictRow):
     groups: tuple[ObjectGroup, ...]
 
     @model_validator(mode="after")
-    def _ids_ascend(self) -> _ObjectsRow:
-        ids = [obj.id for obj in self.table]
-        if ids != sorted(set(ids)):
-            raise ValueError("the objects' ids do not ascend")
-        return self
-
-    @model_validator(mode="after")
-    def _parts_are_of_objects(self) -> _ObjectsRow:
-        object_ids = [obj.id for obj in self.table]
-        parts = [] if self.parts is None else self.parts.table
-        ids = [part.id for part in parts]
-        if ids != sorted(set(ids)) or set(ids) & set(object_ids):
-            raise ValueError("the parts' ids do not ascend, or are those of objects")
-        if any(obj.parent for obj in self.table) or not {part.parent for part in parts} <= set(object_ids):
+    def _refer_to_objects(self) -> _ObjectsRow:
+        object_ids, parts = {obj.id for obj in self.table}, [] if self.parts is None else self.parts.table
+        part_ids = {part.id for part in parts}
+        for rows, used in ((self.table, set()), (parts, object_ids), (self.groups, object_ids | part_ids)):
+            ids = [row.id for row in rows]
+            if ids != sorted(set(ids)) or used & set(ids):
+                raise ValueError("the ids of objects, parts or groups do not ascend, or are used twice")
+        if any(obj.parent for obj in self.table) or not {part.parent for part in parts} <= object_ids:
             raise ValueError("a part is of no object, or an object of another")
-        return self
-
-    @model_validator(mode="after")
-    def _groups_are_of_objects(self) -> _ObjectsRow:
-        object_ids = {obj.id for obj in self.table}
-        parts = set() if self.parts is None else {part.id for part in self.parts.table}
-        ids = [group.id for group in self.groups]
-        if ids != sorted(set(ids)) or set(ids) & (object_ids | parts):
-            raise ValueError("the groups' ids do not ascend, or are those of objects or parts")
         for group in self.groups:
-            if list(group.members) != sorted(set(group.members)) or not set(group.members) <= object_ids:
-                raise ValueError(f"the members of group {group.id} do not ascend, or are no objects")
+            if not set(group.members) <= object_ids:
+                raise ValueError(f"members of group {group.id} are no objects")
         return self
 
 
@@ -264,11 +249,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
 def cameras_to_bytes(cameras: Sequence[PosedCamera]) -> bytes:
     """Encodes `cameras.json`: name, intrinsics in pixels, world_from_camera (row-major, scene units)."""
     rows = [
-        {
-            "name": posed.name,
-            **asdict(posed.camera),
-            "world_from_camera": np.asarray(posed.world_from_camera, dtype=np.float64).tolist(),
-        }
+        {"name": posed.name, **asdict(posed.camera), "world_from_camera": posed.world_from_camera.tolist()}
         for posed in cameras
     ]
     return json.dumps(rows, indent=1, allow_nan=False).encode()
@@ -282,16 +263,7 @@ def cameras_from_bytes(data: bytes, frame_id: str) -> tuple[PosedCamera, ...]:
     """
     rows = _parse(data, "cameras.json")
     try:
-        checked = [_CameraRow.model_validate(row) for row in rows]
-        return tuple(
-            PosedCamera(
-                Camera(row.width, row.height, row.fx, row.fy, row.cx, row.cy),
-                np.array(row.world_from_camera, dtype=np.float64),
-                row.name,
-                frame_id,
-            )
-            for row in checked
-        )
+        return tuple(_CameraRow.model_validate(row).posed(frame_id) for row in rows)
     except (ValidationError, FastSplatError, TypeError) as error:
         raise SceneFileError(f"cameras.json is malformed: {error}", field="cameras.json", hint=_RESTORE) from error
 
@@ -352,6 +324,10 @@ class _CameraRow(_StrictRow):
     cx: float
     cy: float
     world_from_camera: Annotated[list[_Row4], Field(min_length=4, max_length=4)]
+
+    def posed(self, frame_id: str) -> PosedCamera:
+        camera = Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+        return PosedCamera(camera, np.array(self.world_from_camera, dtype=np.float64), self.name, frame_id)
 
 
 def _finite(value: Any, name: str, left_out: list[str]) -> Any:
