@@ -184,7 +184,7 @@ def parse_question(
     group = _noun_group(head_words, is_name, asking=bool(asking), described=described and rest is None)
     head, items, leftover = _items(group, parts[1:], is_name)
     leftover += [] if rest is None else [rest.text]
-    readings = tuple(_readings(head, items))
+    readings = tuple(_assembled(head, items, parents) for parents in _attachments(items))
     if asks == "objects" and all(reading.is_plain for reading in readings):
         denied = len(parts) > 1 and all(part.marker is not None and part.marker.kind == "not" for part in parts[1:])
         if described or denied or not leftover:  # "mug, not the glass" is for the names of the dictionary
@@ -392,16 +392,8 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
     )
 
 
-def _readings(head: Phrase, items: Sequence[_Item]) -> Iterator[Phrase]:
-    """Yields all readings: each condition modifies the head or a phrase on the right edge.
-
-    The first reading attaches all to the head."""
-    for parents in _attachments(items):
-        yield _assembled(head, items, parents)
-
-
 def _attachments(items: Sequence[_Item]) -> Iterator[tuple[int, ...]]:
-    """Yields each item's target: 0 the head, n the last anchor of item n-1."""
+    """Yields the items' targets by reading: 0 the head (first for all), n the last anchor of item n-1."""
 
     def extend(parents: tuple[int, ...], edge: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
         at = len(parents)

@@ -319,11 +319,7 @@ def _save_arrays(arrays: Mapping[str, _Array], path: Path) -> None:
 
 
 def _map_arrays(path: Path, shapes: _Shapes) -> dict[str, _Array]:
-    """Maps a file's arrays read-only, without loading them.
-
-    Raises:
-        SceneFileError: not a complete safetensors file, or names, dtypes or shapes differ from `shapes`.
-    """
+    """Maps a file's arrays read-only, without loading them; raises SceneFileError."""
     try:
         with safe_open(path, framework="np") as file:  # the library's strict parser: offsets, overlaps, length
             names = set(file.keys())
@@ -359,10 +355,7 @@ def _first_non_finite(arrays: Mapping[str, F32]) -> str:
 
 
 def _digest_arrays(arrays: Mapping[str, _Array]) -> str:
-    """Returns a SHA-256 hex digest over the arrays' names, shapes and little-endian values.
-
-    Scenes with equal digests have bit-identical arrays in the same row order.
-    """
+    """Returns a SHA-256 hex digest over the arrays' names, shapes and little-endian values."""
     digest = hashlib.sha256()
     for name in sorted(arrays):
         digest.update(f"{name} {list(arrays[name].shape)}\n".encode())

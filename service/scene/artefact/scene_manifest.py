@@ -331,10 +331,7 @@ class _CameraRow(_StrictRow):
 
 
 def _finite(value: Any, name: str, left_out: list[str]) -> Any:
-    """Copies JSON values with Python numbers, without non-finite ones (None in sequences).
-
-    Appends the dotted names of dropped numbers to `left_out`.
-    """
+    """Copies JSON values without non-finite numbers (None in sequences), whose names `left_out` gets."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

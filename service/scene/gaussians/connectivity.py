@@ -57,10 +57,7 @@ def _cells(means: F64, widths: F64, size: float) -> tuple[NDArray[np.int64], NDA
 
 
 def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Labels components of K Gaussians at distinct places, int32 [K].
-
-    Tests shapes only of pairs that are not joined yet and neither surely touch nor are surely apart.
-    """
+    """Labels components of K Gaussians at distinct places, int32 [K]; tests few shapes."""
     count = len(means)
     if count < 2:
         return np.zeros(count, dtype=np.int32)
@@ -69,6 +66,7 @@ def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.i
     component = _united(count, left[sure], right[sure])
     widths = scales.max(axis=1)
     near = ~sure & (distance <= _REACH * _SLACK * (widths[left] + widths[right]))
+    # Shapes are compared only where two are not joined yet and neither surely touch nor are surely apart.
     doubtful = np.flatnonzero(near)[component[left[near]] != component[right[near]]]
     if not len(doubtful):
         return component

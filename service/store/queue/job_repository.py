@@ -127,13 +127,19 @@ class JobRepository(JobQueue):
 
         Args:
             claim: of the job.
-            summary, carried, edited: see `_publish_made_within`, also for the returned names.
+            summary: of the result.
+            carried: versions with the edits of the previous draft; the first is based on `summary.version`, each other
+                one on the one before.
+            edited: the edited version whose edits these are; "" for none.
             result: outcome of edits of drafts, as JSON; None for no edits.
             follow: a job on the finished scene, queued in the same transaction.
 
+        Returns:
+            Names of the removed versions, whose folders the caller removes.
+
         Raises:
             FencedError: also if a cancellation came first, or the scene was deleted.
-            ConflictError: a draft was edited meanwhile.
+            ConflictError: a draft was edited meanwhile, or the edits were undone.
         """
         with self._writing() as connection:
             done = _succeeded(claim, result)
@@ -301,25 +307,7 @@ def _publish_made_within(
     edited: str,
     draft: bool,
 ) -> Sequence[str]:
-    """Makes a job's result the scene's current version, with edits, within a transaction.
-
-    Earlier drafts stay for those who look at them until the finished scene replaces them. Request ids move to the edits
-    that were made again.
-
-    Args:
-        summary: of the result.
-        carried: versions with the edits of the previous draft; the first is based on `summary.version`, each other one
-            on the one before.
-        edited: the edited version whose edits these are; "" for none.
-        draft: the result is a draft.
-
-    Returns:
-        Names of the removed versions, whose folders the caller removes.
-
-    Raises:
-        ConflictError: the scene was edited meanwhile, or the edits were undone.
-        NotFoundError: the scene was deleted.
-    """
+    """Makes a job's result the scene's current version, as `JobRepository.succeed`, within a transaction."""
     scene = locked_scene(connection, scene_id, "")
     records = versions_of(connection, scene_id)
     current = records.get(scene.version)
@@ -329,7 +317,7 @@ def _publish_made_within(
         records = {scene.version: trained_version(scene)}
         if draft:
             connection.execute(insert(scene_versions).values(version_row(records[scene.version])))
-    if draft and records:
+    if draft and records:  # earlier drafts stay for those who look at them; request ids move to the edits made again
         connection.execute(update(scene_versions).where(_ROWS.scene_id == scene_id).values(request_id=None))
     elif records:
         connection.execute(delete(scene_versions).where(_ROWS.scene_id == scene_id))
