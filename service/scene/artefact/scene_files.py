@@ -285,27 +285,23 @@ def _head_shapes(classes: int, code: int) -> dict[str, tuple[str, tuple[int, ...
 
 def _check_evidence(evidence: Evidence, labels: int) -> str:
     """Describes the first error in evidence over `labels` labels; "" if it is valid."""
-    if (np.diff(evidence.starts) < 0).any():
-        return "its rows do not ascend"
-    if len(evidence.labels) == 0:
-        return ""
-    if int(evidence.labels.max()) > labels:
+    if int(evidence.labels.max(initial=0)) > labels:
         return f"it holds the label {int(evidence.labels.max())}, and the dictionary has {labels}"
     return _check_entries(evidence)
 
 
 def _check_membership(membership: Evidence, ids: Sequence[int]) -> str:
     """Describes the first error in a membership of these objects; "" if it is valid."""
-    if (np.diff(membership.starts) < 0).any():
-        return "its rows do not ascend"
     strangers = np.setdiff1d(membership.labels, [0, *ids])
     if len(strangers):
         return f"it holds the object {int(strangers[0])}, which the table does not have"
-    return _check_entries(membership) if len(membership.labels) else ""
+    return _check_entries(membership)
 
 
 def _check_entries(evidence: Evidence) -> str:
-    if int(evidence.counts.min()) <= 0:
+    if (np.diff(evidence.starts) < 0).any():
+        return "its rows do not ascend"
+    if int(evidence.counts.min(initial=1)) <= 0:
         return "it holds a count that is not positive"
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
     if (np.diff(rows << 16 | evidence.labels) <= 0).any():

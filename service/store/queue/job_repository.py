@@ -274,10 +274,39 @@ class JobRepository(JobQueue):
         *,
         draft: bool,
     ) -> Sequence[str]:
+        """Makes a job's result the scene's current version, as `succeed`."""
         scene_id, values = claim.operation.scene_id, {**values, "updated_at": time.time()}
         execute_fenced(connection, claim, uncancelled(claim).values(values))
         execute_fenced(connection, claim, update(scenes).where(scenes.c.id == scene_id).values(state="TRAINING"))
-        return _publish_made_within(connection, scene_id, summary, carried, edited=edited, draft=draft)
+        scene = locked_scene(connection, scene_id, "")
+        records = versions_of(connection, scene_id)
+        current = records.get(scene.version)
+        if (current.version if current is not None and current.edits else "") != edited:
+            raise ConflictError(f"the drafts of scene {scene_id!r} were edited meanwhile", field="version")
+        if scene.version and not records:
+            records = {scene.version: trained_version(scene)}
+            if draft:
+                connection.execute(insert(scene_versions).values(version_row(records[scene.version])))
+        if (
+            draft and records
+        ):  # earlier drafts stay for those who look at them; request ids move to the edits made again
+            connection.execute(update(scene_versions).where(_ROWS.scene_id == scene_id).values(request_id=None))
+        elif records:
+            connection.execute(delete(scene_versions).where(_ROWS.scene_id == scene_id))
+            forget_names(connection, scene_id)
+        columns: dict[str, Any] = {
+            "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
+            "dictionary": [dict(row) for row in summary.dictionary], "cameras": [dict(row) for row in summary.cameras],
+            "quality": dict(summary.quality), "scaling": None, "alignment": None, "objects": summary.objects,
+        }  # fmt: skip
+        connection.execute(update(scenes).where(scenes.c.id == scene_id).values(columns))
+        if draft and records:
+            row = version_row(trained_version(replace(scene, **columns)))
+            number = max(record.number for record in records.values()) + 1
+            connection.execute(insert(scene_versions).values({**row, "number": number, "created_at": time.time()}))
+        for new in carried:
+            publish_within(connection, replace(new, max_versions=None))  # no carried version is pruned
+        return () if draft else sorted(records)
 
     def _end(self, claim: Claim, why: Literal["failed", "cancelled"], error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:
@@ -296,42 +325,3 @@ def _succeeded(claim: Claim, result: Mapping[str, Any] | None) -> dict[str, Any]
 def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:
     names: tuple[JobRequest, ...] = ("cancel", "finish")
     return frozenset(name for name, requested in zip(names, row, strict=True) if requested)
-
-
-def _publish_made_within(
-    connection: Connection,
-    scene_id: str,
-    summary: SceneSummary,
-    carried: Sequence[NewVersion],
-    *,
-    edited: str,
-    draft: bool,
-) -> Sequence[str]:
-    """Makes a job's result the scene's current version, as `JobRepository.succeed`, within a transaction."""
-    scene = locked_scene(connection, scene_id, "")
-    records = versions_of(connection, scene_id)
-    current = records.get(scene.version)
-    if (current.version if current is not None and current.edits else "") != edited:
-        raise ConflictError(f"the drafts of scene {scene_id!r} were edited meanwhile", field="version")
-    if scene.version and not records:
-        records = {scene.version: trained_version(scene)}
-        if draft:
-            connection.execute(insert(scene_versions).values(version_row(records[scene.version])))
-    if draft and records:  # earlier drafts stay for those who look at them; request ids move to the edits made again
-        connection.execute(update(scene_versions).where(_ROWS.scene_id == scene_id).values(request_id=None))
-    elif records:
-        connection.execute(delete(scene_versions).where(_ROWS.scene_id == scene_id))
-        forget_names(connection, scene_id)
-    values: dict[str, Any] = {
-        "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
-        "dictionary": [dict(row) for row in summary.dictionary], "cameras": [dict(row) for row in summary.cameras],
-        "quality": dict(summary.quality), "scaling": None, "alignment": None, "objects": summary.objects,
-    }  # fmt: skip
-    connection.execute(update(scenes).where(scenes.c.id == scene_id).values(values))
-    if draft and records:
-        row = version_row(trained_version(replace(scene, **values)))
-        number = max(record.number for record in records.values()) + 1
-        connection.execute(insert(scene_versions).values({**row, "number": number, "created_at": time.time()}))
-    for new in carried:
-        publish_within(connection, replace(new, max_versions=None))  # no carried version is pruned
-    return () if draft else sorted(records)
