@@ -9,7 +9,7 @@ from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.objects.object_history import scene_history
 from fastsplat.service.query.objects.object_index import SceneObjects
 from fastsplat.service.query.query_settings import QuerySettings
-from fastsplat.service.scene.artefact.scene import Objects, ObjectScene, Parts
+from fastsplat.service.scene.artefact.scene import ObjectScene
 from fastsplat_contract.geometry.camera import PosedCamera
 
 
@@ -19,13 +19,8 @@ class CoarseView:
     def __init__(self, scene: ObjectScene, settings: QuerySettings) -> None:
         self.scene = scene
         self._renderer = Renderer(scene, settings)
-        self.objects = SceneObjects(scene, True, self._map, scene_history(scene))
+        self.objects = SceneObjects(scene, True, self._renderer.id_map, scene_history(scene))
 
     def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """Renders colors on black, uint8 [H, W, 3]."""
         return self._renderer.colors(posed)
-
-    def _map(self, posed: PosedCamera, objects: Objects | Parts) -> NDArray[np.uint16]:
-        if isinstance(objects, Parts):
-            return self._renderer.part_map(posed, objects)
-        return self._renderer.object_map(posed, objects)

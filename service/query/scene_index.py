@@ -295,8 +295,7 @@ class SceneIndex:
         return self.objects.map(posed)
 
     def _object_map(self, posed: PosedCamera, objects: Objects | Parts) -> NDArray[np.uint16]:
-        renderer = self._renderer_for(posed)
-        return renderer.part_map(posed, objects) if isinstance(objects, Parts) else renderer.object_map(posed, objects)
+        return self._renderer_for(posed).id_map(posed, objects)
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
         entries = self.scene.dictionary.entries  # other names are suggested, and no Gaussian has them

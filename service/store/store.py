@@ -121,10 +121,7 @@ def _saving_into(data_dir: Path) -> Save:
 
 
 def _open_own(url: URL, blobs: Blobs, adopting: bool, save: Save) -> Engine:
-    """Opens the database that belongs to the scene storage.
-
-    If the object store does not answer, cleanup checks the identity before it removes anything there.
-    """
+    """Opens the database that belongs to the scene storage."""
     if adopting:
         engine = open_engine(url, save)
         adopt(engine, blobs)
@@ -138,7 +135,7 @@ def _open_own(url: URL, blobs: Blobs, adopting: bool, save: Save) -> Engine:
         except FastSplatError:
             engine.dispose()
             raise
-    except ObjectStoreError as error:
+    except ObjectStoreError as error:  # cleanup checks the identity before it removes anything there
         _log.warning("whether the object store belongs to this database is not known: %s", error.message)
         engine = open_engine(url, save)
     return engine

@@ -72,5 +72,5 @@ def test_objects_are_where_they_are_in_full() -> None:
     scene = replace(plain, objects=labeled_objects(plain, label_gaussians(plain)))
     coarse = coarse_scene(scene, _MOST)
     drawn = CoarseView(coarse, QuerySettings()).objects.map(_VIEW)
-    full = Renderer(scene, QuerySettings()).object_map(_VIEW, scene.objects)
+    full = Renderer(scene, QuerySettings()).id_map(_VIEW, scene.objects)
     assert set(np.unique(full)) >= {1, 2} and (drawn == full).mean() > 0.97

@@ -105,11 +105,15 @@ def discover_objects(
         masked.append(masked_view(view, view_masks, settings))
         lifted.append(lifted_masks(splats, masked[-1], backend))
         on_view(len(lifted), len(used))
-    objects = (
-        _objects(gaussians, views, numbers, masked, lifted, [masks.quality for _, masks in used], up, settings, backend)
-        if used
-        else Objects((), no_evidence(len(gaussians)))
-    )
+    objects = Objects((), no_evidence(len(gaussians)))
+    if used:
+        overlaps, quality = overlaps_of(lifted), np.concatenate([view_masks.quality for _, view_masks in used])
+        candidates = find_candidates(overlaps, quality, min_overlap=settings.min_overlap, min_views=settings.min_views)
+        selection = select_objects(candidates, gaussians, overlaps.size, settings)
+        membership = refined_membership(
+            selection.owners, selection.shares, gaussians, masked, overlaps.size, settings, backend
+        )
+        objects = _described(selection, membership, gaussians, overlaps.size, views, numbers, up, settings)
     return Discovery(
         objects=objects,
         views=len(used),
@@ -128,28 +132,6 @@ def lifted_masks(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRe
     """Lifts the masks of a view to Gaussians, see `lift_masks`."""
     viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
     return lift_masks(splats, viewmat, view.posed.camera, view.masks(), valid=view.valid(), backend=backend)
-
-
-def _objects(
-    gaussians: Gaussians,
-    views: Sequence[View],
-    numbers: Sequence[int],
-    masked: Sequence[MaskedView],
-    lifted: Sequence[LiftedRegions],
-    quality: Sequence[NDArray[np.float32]],
-    up: F64 | None,
-    settings: DiscoverySettings,
-    backend: Backend,
-) -> Objects:
-    overlaps = overlaps_of(lifted)
-    candidates = find_candidates(
-        overlaps, np.concatenate(quality), min_overlap=settings.min_overlap, min_views=settings.min_views
-    )
-    selection = select_objects(candidates, gaussians, overlaps.size, settings)
-    membership = refined_membership(
-        selection.owners, selection.shares, gaussians, masked, overlaps.size, settings, backend
-    )
-    return _described(selection, membership, gaussians, overlaps.size, views, numbers, up, settings)
 
 
 def _described(
@@ -265,19 +247,7 @@ def select_objects(
     owners = without_strays(owners, gaussians, size, STRAY_SHARE)
     shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
     groups = tuple(candidates[row] for row in hierarchy.groups)
-    return replace(_numbered(objects, parts, owners, shares, surfaces, size, settings), groups=groups)
-
-
-def _numbered(
-    objects: Sequence[Candidate],
-    parts: Sequence[tuple[Candidate, int]],
-    owners: Owners,
-    shares: F32,
-    surfaces: Mapping[int, Plane],
-    size: F32,
-    settings: DiscoverySettings,
-) -> _Selection:
-    """Removes objects that lost their Gaussians to others, and sorts the largest first."""
+    # Objects that lost their Gaussians to others are removed, and the largest come first.
     has_owner = owners != NOBODY
     weights = np.bincount(owners[has_owner], size[has_owner].astype(np.float64), minlength=len(objects))
     order = [n for n in np.argsort(-weights, kind="stable").tolist() if weights[n] >= settings.min_weight_px]
@@ -290,6 +260,7 @@ def _numbered(
         shares=np.where(renumbered == NOBODY, np.float32(0), shares),
         surfaces={int(number[n]): plane for n, plane in surfaces.items() if number[n] != NOBODY},
         parts=tuple((part, int(number[n])) for part, n in parts if number[n] != NOBODY),
+        groups=groups,
     )
 
 

@@ -15,20 +15,6 @@ from fastsplat_contract.photos.pictures import Tint
 
 U8 = NDArray[np.uint8]
 
-# Every eighth color (and the last) of the Turbo table: A. Mikhailov, "Turbo, An Improved Rainbow Colormap for
-# Visualization", Google AI Blog 2019 (Apache-2.0). Linear interpolation stays within 3 of 255 of the whole table.
-_TURBO_AT = np.append(np.arange(0, 256, 8), 255) / 255.0
-_TURBO = np.array(
-    [
-        list(bytes.fromhex(colour))
-        for colour in (
-            "30123b 392a73 4040a2 4456c7 466be3 4680f6 4294ff 37a8fa 28bceb 1ccdd8 18ddc2 1fe9af 32f298 4ef97d "
-            "6dfe62 8bff4b a4fc3c b9f635 cdec34 dfdf37 eecf3a f8be39 fdac34 fe962b fb7e21 f46617 eb500e df3f08 "
-            "d02f05 be2102 a91601 920b01 7a0403 "
-        ).split()
-    ],
-    dtype=np.float64,
-)
 _RANKED = ((255, 96, 16), (48, 144, 255), (96, 200, 80), (190, 110, 255), (255, 200, 40))
 """Tints of an answer's labels, best first; the last serves all further ones."""
 _WIDEST_TAG = 1 / 3
@@ -41,8 +27,8 @@ _OUTLINE = np.array([255, 255, 255], dtype=np.uint8)
 def turbo(values: NDArray[np.floating]) -> U8:
     """Maps values [...] in 0..1 (clamped, NaN as 0) to Turbo, uint8 [..., 3]."""
     x = np.clip(np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0), 0.0, 1.0)
-    channels = [np.interp(x, _TURBO_AT, _TURBO[:, channel]) for channel in range(3)]
-    return np.stack(channels, axis=-1).round().astype(np.uint8)
+    bgr = cv2.applyColorMap((x * 255).round().astype(np.uint8).reshape(-1, 1), cv2.COLORMAP_TURBO)
+    return np.asarray(bgr[..., ::-1].reshape(*x.shape, 3), np.uint8)
 
 
 def overlay(
@@ -53,10 +39,12 @@ def overlay(
     A mask of another size raises InvalidInputError."""
     if rgb.shape != (*mask.shape, 3):
         raise InvalidInputError(f"a mask of shape {mask.shape} on an image of shape {rgb.shape}", field="mask")
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    eroded = cv2.erode(mask.astype(np.uint8), cross, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     picture = rgb.copy()
     tinted = rgb[mask] * (1.0 - strength) + np.array(colour) * strength
     picture[mask] = tinted.round().astype(np.uint8)
-    picture[mask & ~_eroded(mask)] = _OUTLINE
+    picture[mask & ~eroded.astype(np.bool_)] = _OUTLINE
     return picture
 
 
@@ -149,10 +137,3 @@ def png_bytes(image: U8) -> bytes:
     file = BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(file, format="PNG")
     return file.getvalue()
-
-
-def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Removes mask pixels that share an edge with the background or the image border."""
-    inner = np.zeros_like(mask)
-    inner[1:-1, 1:-1] = mask[1:-1, 1:-1] & mask[:-2, 1:-1] & mask[2:, 1:-1] & mask[1:-1, :-2] & mask[1:-1, 2:]
-    return inner

@@ -85,21 +85,21 @@ class Renderer:
 
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
         """Renders the most probable class, uint16 [H, W]; 0: undetected or alpha < `alpha_min`."""
-        drawn = self._label(posed, self._means.new_zeros(len(self._means), 0), None)
-        return np.asarray(drawn.classes.cpu().numpy(), dtype=np.uint16)
+        return self._drawn_ids(self._labels, posed)
 
-    def object_map(self, posed: PosedCamera, objects: Objects) -> NDArray[np.uint16]:
-        """Renders the most probable object, uint16 [H, W]; 0: none or alpha < `alpha_min`.
+    def id_map(self, posed: PosedCamera, objects: Objects | Parts) -> NDArray[np.uint16]:
+        """Renders the most probable object or part, uint16 [H, W]; 0: none or alpha < `alpha_min`.
 
         `objects` must be the same at every call, as they are cached."""
+        if isinstance(objects, Parts):
+            return self._part_map(posed, objects)
         if isinstance(self._labels, ObjectBlend):
             return self._drawn_ids(self._labels.objects, posed)
         if self._objects is None:  # of labels: they are kept nowhere else
             self._objects = objects_blend(objects, self._codes, self._device)
         return self._drawn_ids(self._objects, posed)
 
-    def part_map(self, posed: PosedCamera, parts: Parts) -> NDArray[np.uint16]:
-        """Renders the most probable part, uint16 [H, W]; 0 for none, as `object_map`."""
+    def _part_map(self, posed: PosedCamera, parts: Parts) -> NDArray[np.uint16]:
         known = self._parts
         if known is None or known[0].membership is not parts.membership:
             classes = max(part.id for part in parts.table) + 1
@@ -107,22 +107,14 @@ class Renderer:
         return self._drawn_ids(known[1], posed)
 
     def _drawn_ids(self, blend: LabelBlend, posed: PosedCamera) -> NDArray[np.uint16]:
-        with torch.no_grad():
-            drawn = blend.render(
-                replace(self._splats, features=self._means.new_zeros(len(self._means), 0)),
-                self._viewmat(posed),
-                posed.camera,
-                alpha_min=self._settings.alpha_min,
-                relevancy=None,
-                backend=self._settings.backend,
-            )
+        drawn = self._label(blend, posed, self._means.new_zeros(len(self._means), 0), None)
         return np.asarray(drawn.classes.cpu().numpy(), dtype=np.uint16)
 
     def mask(self, posed: PosedCamera, relevant: tuple[int, ...], relevancy: F32) -> Mask2D:
         """Renders the mask of the classes `relevant` and the relevancy Σ_n p(n)·relevancy(n)·alpha.
 
         `relevancy` is float32 [N + 1], by class; class 0 (undetected) should be 0."""
-        labels = self._label(posed, self._rgb(posed), relevancy)
+        labels = self._label(self._labels, posed, self._rgb(posed), relevancy)
         assert labels.relevancy is not None
         classes = labels.classes.cpu().numpy()
         is_relevant = np.zeros(self._classes, dtype=np.bool_)
@@ -135,10 +127,10 @@ class Renderer:
             rgb=_to_bytes(labels.image),
         )
 
-    def _label(self, posed: PosedCamera, features: Tensor, relevancy: F32 | None) -> LabelMap:
+    def _label(self, blend: LabelBlend, posed: PosedCamera, features: Tensor, relevancy: F32 | None) -> LabelMap:
         splats = replace(self._splats, features=features)
         with torch.no_grad():
-            return self._labels.render(
+            return blend.render(
                 splats,
                 self._viewmat(posed),
                 posed.camera,

@@ -11,6 +11,7 @@ from torch import Tensor
 from fastsplat.service.scene.artefact.scene import F32
 from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.training.densify import rotate
 from fastsplat_contract.geometry.camera import PosedCamera
 
 RELATIVE_SPREAD = 0.05
@@ -41,7 +42,8 @@ def view_geometry(splats: Splats, posed: PosedCamera, *, alpha_min: float, backe
     in_front = z[z > 0]
     middle = in_front.median() if len(in_front) else z.new_zeros(())  # squares of differences keep their digits
     offsets = (z - middle)[:, None]
-    axes = shortest_axes(splats)
+    units = torch.eye(3, dtype=splats.quats.dtype, device=splats.quats.device)
+    axes = rotate(splats.quats, units[splats.scales.argmin(dim=1)])
     towards = axes * torch.sign(((center - splats.means) * axes).sum(dim=1, keepdim=True))
     features = torch.cat([splats.features, offsets, offsets**2, towards], dim=1)
     drawn = rasterize(replace(splats, features=features), viewmat, posed.camera, backend=backend)
@@ -68,18 +70,3 @@ def view_geometry(splats: Splats, posed: PosedCamera, *, alpha_min: float, backe
         confidence=array(confidence),
         image=array(blended[..., :channels]),
     )
-
-
-def shortest_axes(splats: Splats) -> Tensor:
-    """Unit direction of each Gaussian's smallest scale, [G, 3], world frame."""
-    w, x, y, z = torch.nn.functional.normalize(splats.quats, dim=1).unbind(dim=1)
-    columns = torch.stack(
-        [
-            torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], dim=1),
-            torch.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], dim=1),
-            torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], dim=1),
-        ],
-        dim=1,
-    )
-    smallest = splats.scales.argmin(dim=1)
-    return columns[torch.arange(len(smallest), device=smallest.device), smallest]

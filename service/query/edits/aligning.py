@@ -66,7 +66,9 @@ def align_scene(index: SceneIndex, edit: Edit) -> Scene:
         )
     scene = index.objects.scene
     if order.transform is not None:
-        change = Similarity(1.0, *_rigid_parts(order.transform.matrix()))
+        pose = order.transform.matrix()
+        check_rigid(pose, field="alignment.transform")
+        change = Similarity(1.0, Rotation.from_matrix(pose[:3, :3]).as_matrix(), pose[:3, 3])
         return _placed(scene, change, order.frame, None)
     fit = fit_pairs(
         np.array([pair.scene for pair in order.pairs], np.float64),
@@ -196,11 +198,6 @@ def _check_frame(name: str) -> None:
         )
     if name and not name.isprintable():
         raise InvalidInputError("a frame's name of control characters", field="alignment.frame", limit="one line")
-
-
-def _rigid_parts(pose: F64) -> tuple[F64, F64]:
-    check_rigid(pose, field="alignment.transform")
-    return Rotation.from_matrix(pose[:3, :3]).as_matrix(), pose[:3, 3]
 
 
 def _placed(scene: Scene, change: Similarity, frame: str, fit: PairFit | None) -> Scene:

@@ -158,10 +158,6 @@ def _remove(order: _Order) -> Scene:
     return _changed(remove(order.index.objects.scene, rows), edit.action)
 
 
-def _of_objects(order: _Order) -> Scene:
-    return edit_objects(order.index, order.edit, order.seen, order.before)
-
-
 def _prompted(order: _Order) -> Scene:
     assert order.piece is not None
     return make_prompted_object(order.index, order.edit, order.piece, order.seen, order.before)
@@ -184,27 +180,24 @@ def _align(order: _Order) -> Scene:
     return align_scene(order.index, order.edit)
 
 
-def _suggest(order: _Order) -> Scene:
-    return suggest_names(order.index.objects, order.edit.suggestions)
-
-
 _CALLS = {"look_again": ("looking again", "LookAgain"), "observe": ("an observation", "ObserveScene")}
 """Actions found in versions but not sent as edits: description and call."""
+_OF_OBJECTS = _Kind(lambda order: edit_objects(order.index, order.edit, order.seen, order.before))
 _KINDS: Mapping[str, _Kind] = {
     "recolor": _Kind(_of_rows(recolor), ("color",)),
     "remove": _Kind(_remove, takes=("filter",)),
     "move": _Kind(_of_rows(move), ("transform",)),
     "duplicate": _Kind(_of_rows(duplicate, grows=True), ("transform",)),
-    "name": _Kind(_of_objects, named=True),
-    "unname": _Kind(_of_objects),
-    "merge": _Kind(_of_objects),
-    "discard": _Kind(_of_objects),
+    "name": replace(_OF_OBJECTS, named=True),
+    "unname": _OF_OBJECTS,
+    "merge": _OF_OBJECTS,
+    "discard": _OF_OBJECTS,
     "split": _Kind(_prompted, ("prompt",), named=True),
     "add": _Kind(_prompted, ("prompt",), named=True),
     "insert": _Kind(_insert, ("transform", "source")),
     "scale": _Kind(_scale, ("known_lengths",)),
     "align": _Kind(_align, ("alignment",)),
-    "suggest": _Kind(_suggest, ("suggestions",)),
+    "suggest": _Kind(lambda order: suggest_names(order.index.objects, order.edit.suggestions), ("suggestions",)),
 }
 
 

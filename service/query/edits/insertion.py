@@ -12,7 +12,7 @@ from fastsplat.service.query.edits.gaussian_edits import motion_of, moved_gaussi
 from fastsplat.service.query.edits.object_edits import check_no_parts, edited_objects, with_label
 from fastsplat.service.scene.artefact.scene import Evidence, Scene
 from fastsplat.service.scene.gaussians.scene_rows import appended_gaussians, gaussians_of_rows
-from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, with_unseen
 from fastsplat.service.scene.objects.objects import MAX_OBJECT_ID, next_object_id, object_of, with_rows_of_no_part
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.messages.scenes import Edit
@@ -68,7 +68,7 @@ def insert_objects(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     return replace(
         scene,
         gaussians=appended_gaussians(scene.gaussians, part),
-        evidence=None if scene.evidence is None else _longer(scene.evidence, len(rows)),
+        evidence=None if scene.evidence is None else with_unseen(scene.evidence, len(rows)),
         objects=replace(
             scene.objects,
             table=(*scene.objects.table, *objects),
@@ -81,13 +81,8 @@ def insert_objects(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     )
 
 
-def _longer(evidence: Evidence, count: int) -> Evidence:
-    """Appends `count` Gaussians that no view has seen."""
-    return replace(evidence, starts=np.append(evidence.starts, np.full(count, evidence.starts[-1])))
-
-
 def _with_members(membership: Evidence, owner: np.ndarray) -> Evidence:
-    longer = _longer(membership, len(owner))
+    longer = with_unseen(membership, len(owner))
     rows = np.repeat(np.arange(len(longer)), np.diff(longer.starts))
     added = np.arange(len(membership), len(longer))
     return evidence_of(

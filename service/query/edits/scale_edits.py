@@ -17,7 +17,7 @@ from fastsplat_contract.messages.scenes import Edit
 
 _MAX_LENGTHS = 100
 _UNSURE_ENDS = 0.03
-"""Standard deviation of an object's length due to its ends, relative."""
+"""Relative deviation of an object's length by its ends: at best a few per cent, and a scale persists."""
 
 
 def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
@@ -60,10 +60,7 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
 
 
 def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -> ScaledLength:
-    """Converts an object's measured side to a known length.
-
-    Adds `_UNSURE_ENDS`: a scale persists, and the ends of a trained object are known to a few per cent of its length at
-    best."""
+    """Converts an object's measured side to a known length, with `_UNSURE_ENDS` added."""
     try:
         index.objects.check_all((known.object_id,))
         obj = extents_of(index, known.object_id)

@@ -374,14 +374,7 @@ def _stands_for(row: int, match: NameMatch, comparison: Comparison | None) -> bo
 def _answer_relation(verdict: Verdict, row: int, match: NameMatch, comparison: Comparison | None) -> _Related:
     """Relation of an entry to the question, and the one that is kind or part.
 
-    Grammar precedes the lexicon: "coffee machine" is a kind of machine whether a lexicon has it or not.
-
-    Args:
-        verdict: of the answer.
-        row: of the leading entry, label id - 1.
-        match: names in the question.
-        comparison: lexicon relations of question and entries; None without a lexicon.
-    """
+    Grammar precedes the lexicon: "coffee machine" is a kind of machine whether a lexicon has it or not."""
     if verdict == "absent" or verdict == "undecided":
         return verdict, None
     if verdict == "exact":

@@ -9,7 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
+from fastsplat.service.query.objects.picking import check_pixel
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.gaussians.connectivity import rotations_of
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
@@ -85,14 +87,8 @@ def _at_pixel(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> Located:
     dᵀ Σ⁻¹ d; the surface is their weighted median. Across the ray σ is the width of one pixel there; along the ray it
     is √(q² + s² + g²): q half of the weights' 16 % to 84 % range, s the mean deviation 1 / √(dᵀ Σ⁻¹ d) of the
     Gaussians, g the depth change per pixel, horizontally and vertically."""
+    check_pixel(posed, pixel)
     camera = posed.camera
-    if not (0 <= pixel.x < camera.width and 0 <= pixel.y < camera.height):
-        raise InvalidInputError(
-            f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {camera.width}×{camera.height}",
-            field="pixel",
-            limit=f"0 to below {camera.width} and 0 to below {camera.height}",
-            hint="Send pixels of the camera's own picture.",
-        )
     rows, weights = _weights_around(index, posed, pixel)
     nothing = NotFoundError(
         f"there is nothing at the pixel ({pixel.x:g}, {pixel.y:g})",
@@ -160,15 +156,5 @@ def _depths_along(index: SceneIndex, rows: NDArray[np.int64], origin: F64, direc
 
 def axes_of(index: SceneIndex, rows: NDArray[np.int64]) -> tuple[F64, F64]:
     """Principal axes (columns of [K, 3, 3]) and standard deviations [K, 3] of Gaussians `rows`."""
-    w, x, y, z = np.moveaxis(index.scene.gaussians.quats[rows].astype(np.float64), 1, 0)
-    norm = np.maximum(np.sqrt(w * w + x * x + y * y + z * z), np.finfo(np.float64).tiny)
-    w, x, y, z = w / norm, x / norm, y / norm, z / norm
-    axes = np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], axis=1),
-            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], axis=1),
-            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=1),
-        ],
-        axis=1,
-    )
-    return axes, np.exp(index.scene.gaussians.log_scales[rows].astype(np.float64))
+    gaussians = index.scene.gaussians
+    return rotations_of(gaussians.quats[rows]), np.exp(gaussians.log_scales[rows].astype(np.float64))

@@ -32,13 +32,8 @@ Agreement = Callable[[int], float]
 """Agreement of a part, object or group with a place, 0..1, by its id."""
 
 
-def pick_pixel(objects: SceneObjects, posed: PosedCamera, pixel: Pixel) -> tuple[PickedLevel, ...]:
-    """Picks part, object and group at a pixel.
-
-    Raises:
-        InvalidInputError: the pixel is outside the picture.
-        NotFoundError: no object is there.
-    """
+def check_pixel(posed: PosedCamera, pixel: Pixel) -> None:
+    """Raises InvalidInputError for a pixel outside of a camera's picture."""
     width, height = posed.camera.width, posed.camera.height
     if not (0 <= pixel.x < width and 0 <= pixel.y < height):
         raise InvalidInputError(
@@ -47,6 +42,16 @@ def pick_pixel(objects: SceneObjects, posed: PosedCamera, pixel: Pixel) -> tuple
             limit=f"0 to below {width} and 0 to below {height}",
             hint="Send pixels of the camera's own picture.",
         )
+
+
+def pick_pixel(objects: SceneObjects, posed: PosedCamera, pixel: Pixel) -> tuple[PickedLevel, ...]:
+    """Picks part, object and group at a pixel.
+
+    Raises:
+        InvalidInputError: the pixel is outside the picture.
+        NotFoundError: no object is there.
+    """
+    check_pixel(posed, pixel)
     x, y = int(pixel.x), int(pixel.y)
     object_id = int(objects.map(posed)[y, x])
     if not object_id:

@@ -393,7 +393,7 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
 
 
 def _attachments(items: Sequence[_Item]) -> Iterator[tuple[int, ...]]:
-    """Yields each item's target: 0 the head, n the last anchor of item n-1."""
+    """Yields the items' targets by reading: 0 the head (first for all), n the last anchor of item n-1."""
 
     def extend(parents: tuple[int, ...], edge: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
         at = len(parents)

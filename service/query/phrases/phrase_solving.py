@@ -452,23 +452,16 @@ def _ranked(
         for rival in beside:
             distance = abs(value - float(values[rival, column]))
             if by == "elevation":
-                apart.append(2 * distance / _heights(shapes[place], shapes[rival]))
+                heights = [shape.high - shape.low for shape in (shapes[place], shapes[rival])]
+                apart.append(2 * distance / max(sum(heights) / 2, 1e-12))
             else:
-                apart.append(_log_ratio(value, float(values[rival, column])) / _RATIO)
+                ratio = max(value, 1e-9) / max(float(values[rival, column]), 1e-9)
+                apart.append(abs(float(np.log(ratio))) / _RATIO)
         clear = min(apart) if order[number - 1] == place else -0.5
         measured.append(Measured(by, value, "length", clear))
     clears = [measurement.clearness for measurement in measured]
     clear = float(np.mean(clears)) if min(clears) >= 0 else min(clears)
     return place, Judged(clear if clear >= 1 else min(clear, 0.99), tuple(measured))
-
-
-def _heights(first: ObjectShape, second: ObjectShape) -> float:
-    """Mean height of two objects; the scale of differences in elevation."""
-    return max((first.high - first.low + second.high - second.low) / 2, 1e-12)
-
-
-def _log_ratio(first: float, second: float) -> float:
-    return abs(float(np.log(max(first, 1e-9) / max(second, 1e-9))))
 
 
 def _values(by: OrderKind, shape: ObjectShape, anchors: Sequence[ObjectShape], asker: Asker | None) -> Sequence[float]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, TypeAdapter
 
 from fastsplat.service.common.similarity import Similarity
 from fastsplat_contract.geometry.viewpoint import WORLD
@@ -22,7 +23,7 @@ class Alignment:
     frame: str  # name of the map frame; may be empty
     rotation: tuple[tuple[float, float, float], ...]  # R, row-major
     translation: tuple[float, float, float]  # t
-    pairs: int = 0  # number of point pairs it was fitted to; 0 if the motion itself was given
+    pairs: Annotated[int, Field(ge=0)] = 0  # number of point pairs it was fitted to; 0 if the motion itself was given
     residuals: tuple[float, ...] = ()  # one per pair
     rms: float | None = None  # root mean square residual of the inliers; None without pairs
     outliers: tuple[int, ...] = ()  # indices of the pairs that the fit ignored
@@ -42,31 +43,15 @@ def frame_similarity(meters_per_unit: float | None, alignment: Alignment | None)
     return Similarity(scale, np.array(alignment.rotation), np.array(alignment.translation), frame_name(alignment))
 
 
+_JSON: TypeAdapter[Alignment | None] = TypeAdapter(Alignment | None)
+
+
 def alignment_to_json(alignment: Alignment | None) -> dict[str, Any] | None:
     """Converts an alignment to JSON values."""
-    if alignment is None:
-        return None
-    return {
-        **asdict(alignment),
-        "rotation": [list(row) for row in alignment.rotation],
-        "translation": list(alignment.translation),
-        "residuals": list(alignment.residuals),
-        "outliers": list(alignment.outliers),
-    }
+    row: dict[str, Any] | None = _JSON.dump_python(alignment, mode="json")
+    return row
 
 
 def alignment_from_json(row: Mapping[str, Any] | None) -> Alignment | None:
-    """Reads the output of `alignment_to_json`."""
-    if row is None:
-        return None
-    first, second, third = (tuple(line) for line in row["rotation"])
-    return Alignment(
-        frame=row["frame"],
-        rotation=(first, second, third),
-        translation=tuple(row["translation"]),
-        pairs=row["pairs"],
-        residuals=tuple(row["residuals"]),
-        rms=row["rms"],
-        outliers=tuple(row["outliers"]),
-        scaled=row["scaled"],
-    )
+    """Reads the output of `alignment_to_json`; raises `ValueError` for malformed values."""
+    return _JSON.validate_python(row)

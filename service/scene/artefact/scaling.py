@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, get_args
+from dataclasses import dataclass
+from typing import Annotated, Any, get_args
+
+from pydantic import Field, TypeAdapter
 
 from fastsplat.service.common.combined_ratios import NORMAL_95, combined_ratio
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat_contract.messages.scenes import ScaleSource
 
+_Positive = Annotated[float, Field(gt=0)]
+_Deviation = Annotated[float, Field(ge=0)]
 _LEAST_DEVIATION = 1e-3
 """Minimum relative deviation of a length between two picked places."""
 
@@ -19,19 +23,19 @@ _LEAST_DEVIATION = 1e-3
 class ScaledLength:
     """A known length with standard deviations."""
 
-    units: float  # in units of the trained scene
-    deviation: float  # of `units`
-    meters: float  # as measured in the world
-    meters_deviation: float  # of `meters`
+    units: _Positive  # in units of the trained scene
+    deviation: _Deviation  # of `units`
+    meters: _Positive  # as measured in the world
+    meters_deviation: _Deviation  # of `meters`
 
 
 @dataclass(frozen=True)
 class Scaling:
     """Scale of a version relative to the trained one."""
 
-    meters_per_unit: float  # factor applied to the trained version's arrays and cameras
-    low: float  # of the 95 % interval
-    high: float  # of the 95 % interval
+    meters_per_unit: _Positive  # factor applied to the trained version's arrays and cameras
+    low: _Positive  # of the 95 % interval
+    high: _Positive  # of the 95 % interval
     lengths: tuple[ScaledLength, ...]
 
     @property
@@ -76,15 +80,15 @@ def capture_scale_source(facts: SceneFacts) -> ScaleSource:
     return next((source for source in get_args(ScaleSource) if source == stated), "tags")
 
 
+_JSON: TypeAdapter[Scaling | None] = TypeAdapter(Scaling | None)
+
+
 def scaling_to_json(scaling: Scaling | None) -> dict[str, Any] | None:
     """Converts a scaling to JSON values."""
-    return None if scaling is None else {**asdict(scaling), "lengths": [asdict(length) for length in scaling.lengths]}
+    row: dict[str, Any] | None = _JSON.dump_python(scaling, mode="json")
+    return row
 
 
 def scaling_from_json(row: Mapping[str, Any] | None) -> Scaling | None:
-    """Reads the output of `scaling_to_json`."""
-    if row is None:
-        return None
-    return Scaling(
-        row["meters_per_unit"], row["low"], row["high"], tuple(ScaledLength(**length) for length in row["lengths"])
-    )
+    """Reads the output of `scaling_to_json`; raises `ValueError` for malformed values."""
+    return _JSON.validate_python(row)

@@ -18,15 +18,19 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
 from fastsplat.service.common.array_files import write_arrays
+from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.files import atomic_directory
 from fastsplat.service.scene.artefact.alignment import frame_name
 from fastsplat.service.scene.artefact.scene import F32, Evidence, Gaussians, Object, Objects, Parts, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene_facts import split_quality
 from fastsplat.service.scene.artefact.scene_manifest import (
     Manifest,
+    Stored,
     cameras_from_bytes,
     cameras_to_bytes,
     manifest_from_bytes,
     manifest_to_bytes,
+    object_of_row,
 )
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, SceneFileError
 
@@ -65,36 +69,11 @@ def write_scene(scene: Scene, folder: Path) -> None:
     evidence, membership, parts = _evidence_of(scene), _membership_of(scene), _parts_of(scene)
     cameras = cameras_to_bytes(scene.cameras)
     manifest = manifest_to_bytes(
-        Manifest(
-            dictionary=scene.dictionary,
-            text_encoder=scene.text_encoder,
-            label_templates=scene.label_templates,
-            scale=scene.scale,
-            training=scene.training,
-            quality=scene.quality,
-            facts=scene.facts,
-            gaussians=len(scene.gaussians),
-            sh=scene.gaussians.sh.shape[1],
-            code=scene.gaussians.codes.shape[1],
-            embedding=scene.label_embeddings.shape[1],
-            arrays_sha256=_digest_arrays(arrays),
-            evidence_entries=len(evidence["counts"]) if evidence else None,
-            evidence_sha256=_digest_arrays(evidence) if evidence else "",
-            objects=None if scene.objects is None else scene.objects.table,
-            objects_entries=len(membership["counts"]) if membership else 0,
-            objects_sha256=_digest_arrays(membership) if membership else "",
-            objects_classes=None
-            if scene.objects is None or scene.objects.head is None
-            else len(scene.objects.head.bias),
-            next_object_id=0 if scene.objects is None else scene.objects.next_id,
-            parts=None if scene.objects is None or scene.objects.parts is None else scene.objects.parts.table,
-            parts_entries=len(parts["counts"]) if parts else 0,
-            parts_sha256=_digest_arrays(parts) if parts else "",
-            groups=() if scene.objects is None else scene.objects.groups,
-            scaling=scene.scaling,
-            alignment=scene.alignment,
-            observations=scene.observations,
-        ),
+        scene,
+        _digest_arrays(arrays),
+        _stored(evidence) if evidence else None,
+        _stored(membership),
+        _stored(parts),
         cameras,
     )
     try:
@@ -131,22 +110,24 @@ def read_scene(folder: Path) -> Scene:
 def _read_scene(folder: Path) -> Scene:
     cameras_bytes = _read(folder / _CAMERAS)
     manifest = manifest_from_bytes(_read(folder / _MANIFEST), cameras_bytes)
-    shapes = _scene_shapes(manifest.gaussians, manifest.sh, manifest.code, len(manifest.dictionary), manifest.embedding)
+    sizes = manifest.sizes
+    shapes = _scene_shapes(sizes.gaussians, sizes.sh, sizes.code, len(manifest.entries), sizes.embedding)
     arrays: dict[str, F32] = _mapped(folder / _ARRAYS, shapes, manifest.arrays_sha256)
     if bad := _first_non_finite(arrays):
         raise SceneFileError(f"{_ARRAYS} has NaN or infinite numbers in {bad}", field=_ARRAYS, hint=_RESTORE)
+    facts, quality = split_quality(manifest.quality)
     return Scene(
         gaussians=Gaussians(**{field.name: arrays[field.name] for field in fields(Gaussians)}),
         head=SemanticHead(arrays["head.weight"], arrays["head.bias"]),
-        dictionary=manifest.dictionary,
+        dictionary=Dictionary(manifest.entries),
         label_embeddings=arrays["label_embeddings"],
-        text_encoder=manifest.text_encoder,
+        text_encoder=(manifest.text_encoder.name, manifest.text_encoder.sha256),
         label_templates=manifest.label_templates,
         cameras=cameras_from_bytes(cameras_bytes, frame_name(manifest.alignment)),
         scale=manifest.scale,
         training=manifest.training,
-        quality=manifest.quality,
-        facts=manifest.facts,
+        quality=quality,
+        facts=facts,
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
         objects=_read_objects(folder, manifest),
         scaling=manifest.scaling,
@@ -156,6 +137,10 @@ def _read_scene(folder: Path) -> Scene:
 
 
 _RESTORE = "Restore the scene's folder from a backup, or train it again."
+
+
+def _stored(sparse: Mapping[str, _Array]) -> Stored:
+    return {"entries": len(sparse["counts"]), "sha256": _digest_arrays(sparse)} if sparse else {}
 
 
 def _arrays_of(scene: Scene) -> dict[str, F32]:
@@ -184,10 +169,10 @@ def _membership_of(scene: Scene) -> dict[str, _Array]:
     head = scene.objects.head
     if head is None:
         return arrays
-    of_head: dict[str, _Array] = {"head.weight": head.weight, "head.bias": head.bias}
-    if bad := _first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
+    of_head: dict[str, F32] = {"head.weight": head.weight, "head.bias": head.bias}
+    if bad := _first_non_finite(of_head):
         raise InvalidInputError(f"the objects' {bad} holds NaN or infinite numbers", field="objects.head")
-    return arrays | of_head
+    return {**arrays, **of_head}
 
 
 def _parts_of(scene: Scene) -> dict[str, _Array]:
@@ -200,35 +185,38 @@ def _parts_of(scene: Scene) -> dict[str, _Array]:
 
 
 def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
-    if manifest.evidence_entries is None:
+    stored = manifest.evidence
+    if stored is None:
         return None
-    shapes = _evidence_shapes(manifest.gaussians, manifest.evidence_entries)
-    evidence = _sparse_counts(path, _mapped(path, shapes, manifest.evidence_sha256))
-    if wrong := _check_evidence(evidence, len(manifest.dictionary)):
+    shapes = _evidence_shapes(manifest.sizes.gaussians, stored.entries)
+    evidence = _sparse_counts(path, _mapped(path, shapes, stored.sha256))
+    if wrong := _check_evidence(evidence, len(manifest.entries)):
         raise _damaged(path, wrong)
     return evidence
 
 
 def _read_objects(folder: Path, manifest: Manifest) -> Objects | None:
-    if manifest.objects is None:
+    stored, gaussians = manifest.objects, manifest.sizes.gaussians
+    if stored is None:
         return None
-    path = folder / _OBJECTS
-    classes, shapes = manifest.objects_classes, _evidence_shapes(manifest.gaussians, manifest.objects_entries)
+    path, classes, shapes = folder / _OBJECTS, stored.classes, _evidence_shapes(gaussians, stored.entries)
     arrays = _mapped(
-        path, shapes if classes is None else {**shapes, **_head_shapes(classes, manifest.code)}, manifest.objects_sha256
+        path, shapes if classes is None else {**shapes, **_head_shapes(classes, manifest.sizes.code)}, stored.sha256
     )
     head = None
     if classes is not None:
-        head = SemanticHead(arrays.pop("head.weight"), arrays.pop("head.bias"))
-        if bad := _first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
+        of_head = {name: arrays.pop(name) for name in ("head.weight", "head.bias")}
+        if bad := _first_non_finite(of_head):
             raise _damaged(path, f"{bad} has NaN or infinite numbers")
-    membership = _members(path, _sparse_counts(path, arrays), manifest.objects)
+        head = SemanticHead(*of_head.values())
+    table = tuple(map(object_of_row, stored.table))
+    membership = _members(path, _sparse_counts(path, arrays), table)
     parts = None
-    if manifest.parts is not None:
-        path = folder / _PARTS
-        arrays = _mapped(path, _evidence_shapes(manifest.gaussians, manifest.parts_entries), manifest.parts_sha256)
-        parts = Parts(manifest.parts, _members(path, _sparse_counts(path, arrays), manifest.parts))
-    return Objects(manifest.objects, membership, manifest.next_object_id, parts, head, manifest.groups)
+    if stored.parts is not None:
+        path, part_table = folder / _PARTS, tuple(map(object_of_row, stored.parts.table))
+        arrays = _mapped(path, _evidence_shapes(gaussians, stored.parts.entries), stored.parts.sha256)
+        parts = Parts(part_table, _members(path, _sparse_counts(path, arrays), part_table))
+    return Objects(table, membership, stored.next_id, parts, head, stored.groups)
 
 
 def _members(path: Path, membership: Evidence, table: tuple[Object, ...]) -> Evidence:
@@ -297,27 +285,23 @@ def _head_shapes(classes: int, code: int) -> dict[str, tuple[str, tuple[int, ...
 
 def _check_evidence(evidence: Evidence, labels: int) -> str:
     """Describes the first error in evidence over `labels` labels; "" if it is valid."""
-    if (np.diff(evidence.starts) < 0).any():
-        return "its rows do not ascend"
-    if len(evidence.labels) == 0:
-        return ""
-    if int(evidence.labels.max()) > labels:
+    if int(evidence.labels.max(initial=0)) > labels:
         return f"it holds the label {int(evidence.labels.max())}, and the dictionary has {labels}"
     return _check_entries(evidence)
 
 
 def _check_membership(membership: Evidence, ids: Sequence[int]) -> str:
     """Describes the first error in a membership of these objects; "" if it is valid."""
-    if (np.diff(membership.starts) < 0).any():
-        return "its rows do not ascend"
     strangers = np.setdiff1d(membership.labels, [0, *ids])
     if len(strangers):
         return f"it holds the object {int(strangers[0])}, which the table does not have"
-    return _check_entries(membership) if len(membership.labels) else ""
+    return _check_entries(membership)
 
 
 def _check_entries(evidence: Evidence) -> str:
-    if int(evidence.counts.min()) <= 0:
+    if (np.diff(evidence.starts) < 0).any():
+        return "its rows do not ascend"
+    if int(evidence.counts.min(initial=1)) <= 0:
         return "it holds a count that is not positive"
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
     if (np.diff(rows << 16 | evidence.labels) <= 0).any():
@@ -331,11 +315,7 @@ def _save_arrays(arrays: Mapping[str, _Array], path: Path) -> None:
 
 
 def _map_arrays(path: Path, shapes: _Shapes) -> dict[str, _Array]:
-    """Maps a file's arrays read-only, without loading them.
-
-    Raises:
-        SceneFileError: not a complete safetensors file, or names, dtypes or shapes differ from `shapes`.
-    """
+    """Maps a file's arrays read-only, without loading them; raises SceneFileError."""
     try:
         with safe_open(path, framework="np") as file:  # the library's strict parser: offsets, overlaps, length
             names = set(file.keys())
@@ -344,21 +324,20 @@ def _map_arrays(path: Path, shapes: _Shapes) -> dict[str, _Array]:
             header_bytes = int.from_bytes(raw.read(8), "little")
             header = json.loads(raw.read(header_bytes))
     except (SafetensorError, OSError, ValueError) as error:
-        raise _damaged_arrays(path, f"cannot be read: {error}") from error
+        raise SceneFileError.of(path.name, f"cannot be read: {error}", _RESTORE) from error
     if names != set(shapes):
-        raise _damaged_arrays(path, f"holds the arrays {sorted(names)}, expected {sorted(shapes)}")
+        raise SceneFileError.of(path.name, f"holds the arrays {sorted(names)}, expected {sorted(shapes)}", _RESTORE)
     for name, (code, shape) in shapes.items():
         if stored[name] != (code, list(shape)):
-            raise _damaged_arrays(
-                path, f"has {name} as {stored[name][0]} {stored[name][1]}, expected {code} {list(shape)}"
-            )
+            what = f"has {name} as {stored[name][0]} {stored[name][1]}, expected {code} {list(shape)}"
+            raise SceneFileError.of(path.name, what, _RESTORE)
     start = 8 + header_bytes
     mapped = np.memmap(path, dtype=np.uint8, mode="r")
     arrays: dict[str, _Array] = {}
     for name, (code, shape) in shapes.items():
         begin, end = header[name]["data_offsets"]
         if (start + begin) % _CODES[code].itemsize:
-            raise _damaged_arrays(path, f"has {name} at a place that is not aligned to its numbers")
+            raise SceneFileError.of(path.name, f"has {name} at a place that is not aligned to its numbers", _RESTORE)
         arrays[name] = np.asarray(mapped[start + begin : start + end]).view(_CODES[code]).reshape(shape)
     return arrays
 
@@ -372,10 +351,7 @@ def _first_non_finite(arrays: Mapping[str, F32]) -> str:
 
 
 def _digest_arrays(arrays: Mapping[str, _Array]) -> str:
-    """Returns a SHA-256 hex digest over the arrays' names, shapes and little-endian values.
-
-    Scenes with equal digests have bit-identical arrays in the same row order.
-    """
+    """Returns a SHA-256 hex digest over the arrays' names, shapes and little-endian values."""
     digest = hashlib.sha256()
     for name in sorted(arrays):
         digest.update(f"{name} {list(arrays[name].shape)}\n".encode())
@@ -390,7 +366,3 @@ def _chunks(array: _Array) -> Iterator[_Array]:
     step = _CHUNK_BYTES // flat.itemsize
     for start in range(0, len(flat), step):
         yield flat[start : start + step]
-
-
-def _damaged_arrays(path: Path, what: str) -> SceneFileError:
-    return SceneFileError.of(path.name, f"{what}", "Restore the scene's folder from a backup, or train it again.")

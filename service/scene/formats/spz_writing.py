@@ -83,10 +83,7 @@ def _harmonics(sh: F32) -> U8:
 
 
 def _smallest_three(quats: F32) -> NDArray[np.uint32]:
-    """Encodes quaternions x y z w as the largest's index (two bits) and the others.
-
-    Each of the others takes a sign and nine bits.
-    """
+    """Encodes quaternions as the largest's index (two bits) and the others (sign, nine bits)."""
     flip = np.array([-1.0, -1.0, 1.0])  # y, z, w of a rotation seen after a half turn about x
     xyzw = np.concatenate([quats[:, 1:2], quats[:, 2:4] * flip[:2], quats[:, :1] * flip[2]], axis=1).astype(np.float64)
     xyzw /= np.maximum(np.linalg.norm(xyzw, axis=1, keepdims=True), 1e-30)

@@ -57,10 +57,7 @@ def _cells(means: F64, widths: F64, size: float) -> tuple[NDArray[np.int64], NDA
 
 
 def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Labels components of K Gaussians at distinct places, int32 [K].
-
-    Tests shapes only of pairs that are not joined yet and neither surely touch nor are surely apart.
-    """
+    """Labels components of K Gaussians at distinct places, int32 [K]; tests few shapes."""
     count = len(means)
     if count < 2:
         return np.zeros(count, dtype=np.int32)
@@ -69,12 +66,13 @@ def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.i
     component = _united(count, left[sure], right[sure])
     widths = scales.max(axis=1)
     near = ~sure & (distance <= _REACH * _SLACK * (widths[left] + widths[right]))
+    # Shapes are compared only where two are not joined yet and neither surely touch nor are surely apart.
     doubtful = np.flatnonzero(near)[component[left[near]] != component[right[near]]]
     if not len(doubtful):
         return component
     left, right, distance = left[doubtful], right[doubtful], distance[doubtful]
     ends, place = np.unique(np.concatenate([left, right]), return_inverse=True)
-    turns, end_scales = _rotations(quats[ends]), scales[ends]
+    turns, end_scales = rotations_of(quats[ends]), scales[ends]
     towards = (means[right] - means[left]) / np.maximum(distance, np.finfo(np.float64).tiny)[:, None]
     reach = sum(_deviation(end_scales[side], turns[side], towards) for side in np.split(place, 2))
     touch = distance <= _REACH * reach
@@ -114,8 +112,8 @@ def _deviation(scales: F64, turns: F64, towards: F64) -> F64:
     return np.asarray(np.linalg.norm(np.einsum("pij,pi->pj", turns, towards) * scales, axis=1))
 
 
-def _rotations(quats: NDArray[np.float32]) -> F64:
-    """Converts quaternions to world-from-Gaussian rotations [K, 3, 3]; zero quaternions to identity."""
+def rotations_of(quats: NDArray[np.float32]) -> F64:
+    """Converts quaternions w x y z [K, 4] to rotations, float64 [K, 3, 3]; zero ones to identity."""
     usable = quats.astype(np.float64)[:, [1, 2, 3, 0]]
     usable[~(np.linalg.norm(usable, axis=1) > 0)] = (0.0, 0.0, 0.0, 1.0)
     return np.asarray(Rotation.from_quat(usable).as_matrix())

@@ -14,14 +14,7 @@ from fastsplat.service.scene.objects.objects import objects_of_rows
 
 def gaussians_of_rows(gaussians: Gaussians, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Gaussians:
     """Selects Gaussians by mask [G] or by ids [K], which may repeat."""
-    return Gaussians(
-        means=gaussians.means[rows],
-        quats=gaussians.quats[rows],
-        log_scales=gaussians.log_scales[rows],
-        logit_opacities=gaussians.logit_opacities[rows],
-        sh=gaussians.sh[rows],
-        codes=gaussians.codes[rows],
-    )
+    return Gaussians(**{name: array[rows] for name, array in vars(gaussians).items()})
 
 
 def appended_gaussians(gaussians: Gaussians, part: Gaussians) -> Gaussians:
@@ -31,14 +24,8 @@ def appended_gaussians(gaussians: Gaussians, part: Gaussians) -> Gaussians:
     shared = min(harmonics, part.sh.shape[1])
     sh[:, :shared] = part.sh[:, :shared]
     codes = np.zeros((count, gaussians.codes.shape[1]), np.float32)  # W was not trained on the codes of `part`
-    return Gaussians(
-        means=np.concatenate([gaussians.means, part.means]),
-        quats=np.concatenate([gaussians.quats, part.quats]),
-        log_scales=np.concatenate([gaussians.log_scales, part.log_scales]),
-        logit_opacities=np.concatenate([gaussians.logit_opacities, part.logit_opacities]),
-        sh=np.concatenate([gaussians.sh, sh]),
-        codes=np.concatenate([gaussians.codes, codes]),
-    )
+    fitting = vars(replace(part, sh=sh, codes=codes))
+    return Gaussians(**{name: np.concatenate([array, fitting[name]]) for name, array in vars(gaussians).items()})
 
 
 def scene_of_rows(scene: SceneT, rows: NDArray[np.integer]) -> SceneT:

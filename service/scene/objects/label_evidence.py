@@ -73,6 +73,11 @@ def rows_of(evidence: Evidence, rows: NDArray[np.integer]) -> Evidence:
     return Evidence(starts, evidence.labels[entries], evidence.counts[entries])
 
 
+def with_unseen(evidence: Evidence, count: int) -> Evidence:
+    """Appends `count` Gaussians that no view has seen."""
+    return Evidence(np.append(evidence.starts, np.full(count, evidence.starts[-1])), evidence.labels, evidence.counts)
+
+
 def without_rows(evidence: Evidence, gone: NDArray[np.bool_]) -> Evidence:
     """Clears the evidence of the Gaussians in the mask `gone` [G]."""
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))

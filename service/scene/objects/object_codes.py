@@ -79,10 +79,7 @@ def classes_of_codes(codes: F32, head: SemanticHead) -> tuple[NDArray[np.int32],
 
 
 def _separate_directions(weight: F32, count: int) -> F32:
-    """Picks unit vectors, float32 [count, D], far from the rows of `weight` and each other.
-
-    Greedy: takes the candidate whose largest cosine is smallest.
-    """
+    """Picks unit vectors, float32 [count, D], greedily far from the rows of `weight` and each other."""
     rng = np.random.default_rng(_SEED)
     candidates = rng.normal(size=(_CANDIDATES, weight.shape[1]))
     candidates /= np.linalg.norm(candidates, axis=1, keepdims=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.scene.artefact.reads import bounded_reads
 from fastsplat.service.scene.artefact.scene import Evidence, Object, ObjectGroup, Objects, Parts, Scene, SceneT
-from fastsplat.service.scene.objects.label_evidence import evidence_of, posterior, rows_of
+from fastsplat.service.scene.objects.label_evidence import evidence_of, posterior, rows_of, with_unseen
 from fastsplat_contract.codec.unseen_characters import check_seen
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
@@ -112,9 +112,7 @@ def objects_of_rows(objects: Objects | None, rows: NDArray[np.integer]) -> Objec
 
 def with_rows_of_no_part(parts: Parts, gaussians: int) -> Parts:
     """Extends the membership to `gaussians` rows; the new ones have no part."""
-    starts = parts.membership.starts
-    more = np.full(gaussians - len(parts.membership), starts[-1])
-    return replace(parts, membership=replace(parts.membership, starts=np.append(starts, more)))
+    return replace(parts, membership=with_unseen(parts.membership, gaussians - len(parts.membership)))
 
 
 def _relabeled(objects: Objects, before: Sequence[int], after: int) -> Objects:

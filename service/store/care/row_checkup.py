@@ -98,10 +98,7 @@ def check_rows(
 
 
 def _points(table: Table, column: str, row: RowMapping, kept_since: float) -> bool:
-    """True if the referenced row must exist.
-
-    It need not for finished jobs, old keys for one upload and revoked keys for one scene.
-    """
+    """True unless the row is a finished job, an old key for an upload or a revoked one for a scene."""
     if table is operations and column == "scene_id":
         return row["state"] in ("QUEUED", "RUNNING") and not row["cancel_requested"]
     if table is api_keys and column == "operation_id":

@@ -127,13 +127,19 @@ class JobRepository(JobQueue):
 
         Args:
             claim: of the job.
-            summary, carried, edited: see `_publish_made_within`, also for the returned names.
+            summary: of the result.
+            carried: versions with the edits of the previous draft; the first is based on `summary.version`, each other
+                one on the one before.
+            edited: the edited version whose edits these are; "" for none.
             result: outcome of edits of drafts, as JSON; None for no edits.
             follow: a job on the finished scene, queued in the same transaction.
 
+        Returns:
+            Names of the removed versions, whose folders the caller removes.
+
         Raises:
             FencedError: also if a cancellation came first, or the scene was deleted.
-            ConflictError: a draft was edited meanwhile.
+            ConflictError: a draft was edited meanwhile, or the edits were undone.
         """
         with self._writing() as connection:
             done = _succeeded(claim, result)
@@ -268,10 +274,39 @@ class JobRepository(JobQueue):
         *,
         draft: bool,
     ) -> Sequence[str]:
+        """Makes a job's result the scene's current version, as `succeed`."""
         scene_id, values = claim.operation.scene_id, {**values, "updated_at": time.time()}
         execute_fenced(connection, claim, uncancelled(claim).values(values))
         execute_fenced(connection, claim, update(scenes).where(scenes.c.id == scene_id).values(state="TRAINING"))
-        return _publish_made_within(connection, scene_id, summary, carried, edited=edited, draft=draft)
+        scene = locked_scene(connection, scene_id, "")
+        records = versions_of(connection, scene_id)
+        current = records.get(scene.version)
+        if (current.version if current is not None and current.edits else "") != edited:
+            raise ConflictError(f"the drafts of scene {scene_id!r} were edited meanwhile", field="version")
+        if scene.version and not records:
+            records = {scene.version: trained_version(scene)}
+            if draft:
+                connection.execute(insert(scene_versions).values(version_row(records[scene.version])))
+        if (
+            draft and records
+        ):  # earlier drafts stay for those who look at them; request ids move to the edits made again
+            connection.execute(update(scene_versions).where(_ROWS.scene_id == scene_id).values(request_id=None))
+        elif records:
+            connection.execute(delete(scene_versions).where(_ROWS.scene_id == scene_id))
+            forget_names(connection, scene_id)
+        columns: dict[str, Any] = {
+            "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
+            "dictionary": [dict(row) for row in summary.dictionary], "cameras": [dict(row) for row in summary.cameras],
+            "quality": dict(summary.quality), "scaling": None, "alignment": None, "objects": summary.objects,
+        }  # fmt: skip
+        connection.execute(update(scenes).where(scenes.c.id == scene_id).values(columns))
+        if draft and records:
+            row = version_row(trained_version(replace(scene, **columns)))
+            number = max(record.number for record in records.values()) + 1
+            connection.execute(insert(scene_versions).values({**row, "number": number, "created_at": time.time()}))
+        for new in carried:
+            publish_within(connection, replace(new, max_versions=None))  # no carried version is pruned
+        return () if draft else sorted(records)
 
     def _end(self, claim: Claim, why: Literal["failed", "cancelled"], error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:
@@ -290,60 +325,3 @@ def _succeeded(claim: Claim, result: Mapping[str, Any] | None) -> dict[str, Any]
 def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:
     names: tuple[JobRequest, ...] = ("cancel", "finish")
     return frozenset(name for name, requested in zip(names, row, strict=True) if requested)
-
-
-def _publish_made_within(
-    connection: Connection,
-    scene_id: str,
-    summary: SceneSummary,
-    carried: Sequence[NewVersion],
-    *,
-    edited: str,
-    draft: bool,
-) -> Sequence[str]:
-    """Makes a job's result the scene's current version, with edits, within a transaction.
-
-    Earlier drafts stay for those who look at them until the finished scene replaces them. Request ids move to the edits
-    that were made again.
-
-    Args:
-        summary: of the result.
-        carried: versions with the edits of the previous draft; the first is based on `summary.version`, each other one
-            on the one before.
-        edited: the edited version whose edits these are; "" for none.
-        draft: the result is a draft.
-
-    Returns:
-        Names of the removed versions, whose folders the caller removes.
-
-    Raises:
-        ConflictError: the scene was edited meanwhile, or the edits were undone.
-        NotFoundError: the scene was deleted.
-    """
-    scene = locked_scene(connection, scene_id, "")
-    records = versions_of(connection, scene_id)
-    current = records.get(scene.version)
-    if (current.version if current is not None and current.edits else "") != edited:
-        raise ConflictError(f"the drafts of scene {scene_id!r} were edited meanwhile", field="version")
-    if scene.version and not records:
-        records = {scene.version: trained_version(scene)}
-        if draft:
-            connection.execute(insert(scene_versions).values(version_row(records[scene.version])))
-    if draft and records:
-        connection.execute(update(scene_versions).where(_ROWS.scene_id == scene_id).values(request_id=None))
-    elif records:
-        connection.execute(delete(scene_versions).where(_ROWS.scene_id == scene_id))
-        forget_names(connection, scene_id)
-    values: dict[str, Any] = {
-        "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
-        "dictionary": [dict(row) for row in summary.dictionary], "cameras": [dict(row) for row in summary.cameras],
-        "quality": dict(summary.quality), "scaling": None, "alignment": None, "objects": summary.objects,
-    }  # fmt: skip
-    connection.execute(update(scenes).where(scenes.c.id == scene_id).values(values))
-    if draft and records:
-        row = version_row(trained_version(replace(scene, **values)))
-        number = max(record.number for record in records.values()) + 1
-        connection.execute(insert(scene_versions).values({**row, "number": number, "created_at": time.time()}))
-    for new in carried:
-        publish_within(connection, replace(new, max_versions=None))  # no carried version is pruned
-    return () if draft else sorted(records)

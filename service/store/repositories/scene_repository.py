@@ -62,11 +62,8 @@ class SceneRepository(Repository):
                 connection.execute(insert(scenes).values(scene))
                 within(connection)
                 return self._operation(connection, job.operation_id), True
-        except IntegrityError:
-            earlier = self.find_request(job.request_id, job.request_digest, job.project)
-            if earlier is None:
-                raise
-            return earlier, False
+        except IntegrityError as error:
+            return self._earlier(error, job.request_id, job.request_digest, job.project), False
 
     def add_ready(
         self,
@@ -84,11 +81,8 @@ class SceneRepository(Repository):
                 record_photos(connection, scene.id, photos)
                 within(connection)
                 return operation
-        except IntegrityError:
-            earlier = self.find_request(request_id, operation.request_digest, operation.project)
-            if earlier is None:
-                raise
-            return earlier
+        except IntegrityError as error:
+            return self._earlier(error, request_id, operation.request_digest, operation.project)
 
     def add_job(self, job: NewJob) -> OperationRecord:
         """Queues an operation on an existing scene; request ids and errors are as in `create`."""
@@ -99,11 +93,13 @@ class SceneRepository(Repository):
                     raise no_scene(job.scene_id)
                 connection.execute(insert(operations).values(queued_row(job)))
                 return self._operation(connection, job.operation_id)
-        except IntegrityError:
-            earlier = self.find_request(job.request_id, job.request_digest, job.project)
-            if earlier is None:
-                raise
-            return earlier
+        except IntegrityError as error:
+            return self._earlier(error, job.request_id, job.request_digest, job.project)
+
+    def _earlier(self, error: IntegrityError, request_id: str, digest: str, project: str) -> OperationRecord:
+        if (earlier := self.find_request(request_id, digest, project)) is None:
+            raise error
+        return earlier
 
     def find_request(self, request_id: str, digest: str, project: str = DEFAULT_PROJECT) -> OperationRecord | None:
         """Returns the operation made by a request id, or None; other content raises `ConflictError`."""

@@ -340,15 +340,8 @@ def _compounds_of(
 
     The lexicon decides if it has a longer end of the question than the label: "wall clock" is a kind of clock, "prairie
     dog" no kind of dog. Otherwise only some words make something else of the noun: those of `_FEIGNING`, and materials
-    before what lives.
-
-    Args:
-        words: the question, singular.
-        bases: by row of a label, the number of last words that are its name or a synonym.
-        meaning: of the question.
-        labels: meanings of the labels.
-        wider: hypernyms of the question's first sense, by id, including itself.
-    """
+    before what lives. `bases` has the number of last words that are a label's name, `wider` the hypernyms of the
+    question's first sense."""
     same_kind, feigned, other_kind = np.zeros((3, len(labels)), dtype=np.bool_)
     before = {}
     for row, count in bases.items():
