@@ -37,9 +37,9 @@ def index() -> SceneIndex:
     return seen_wall(lambda angle: Rotation.from_euler("xyz", [angle / 2, angle, angle / 3]).as_matrix())
 
 
-def _written(index: SceneIndex, objects: Sequence[int] = (), name: str = "wall") -> bytes:
-    points = points_file(index, name, objects, 0.05)
-    return foxglove_file(index, SceneRecording("an-id", "v7", name, START, points, PHOTOS, 1), objects)
+def _written(index: SceneIndex, objects: Sequence[int] = ()) -> bytes:
+    points = points_file(index, "wall", objects, 0.05)
+    return foxglove_file(index, SceneRecording("an-id", "v7", "wall", START, points, PHOTOS, 1), objects)
 
 
 def _messages(content: bytes) -> dict[str, list[tuple[int, Any]]]:
