@@ -49,8 +49,3 @@ def test_means_of_rooms_are_of_those_that_have_a_figure(tmp_path: Path) -> None:
     assert desk.startswith("| desk-2 | 0.50 |") and "| 3 of 4 | – | 3 of 6 |" in desk
     assert "| 3 of 4 | 1 of 1 | 3 of 6 |" in shop
     assert mean.startswith("| mean | 0.75 |") and "| 75% | 100% | 50% |" in mean and "0123abc" in said
-
-
-def test_a_region_that_names_no_table_is_refused() -> None:
-    with pytest.raises(KeyError, match="nothing"):
-        write_tables("<!-- figures: nothing -->\n<!-- end -->\n")
