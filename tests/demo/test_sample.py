@@ -46,6 +46,8 @@ def test_files_are_complete_and_small(transforms: dict) -> None:
     assert {f["file_path"] for f in frames} == {f"images/{p.name}" for p in (SAMPLE / "images").iterdir()}
     assert {f["mask_path"] for f in frames} == {f"masks/{p.name}" for p in (SAMPLE / "masks").iterdir()}
     assert all(Path(f["file_path"]).stem == Path(f["mask_path"]).stem for f in frames)
+    sizes = {Image.open(SAMPLE / frame[key]).size for frame in frames for key in ("file_path", "mask_path")}
+    assert sizes == {(transforms["w"], transforms["h"])}
     assert (SAMPLE / "README.md").is_file()
     assert sum(p.stat().st_size for p in SAMPLE.rglob("*") if p.is_file()) < _LIMIT_BYTES
 
@@ -60,6 +62,8 @@ def test_rays_through_one_object_meet(
     transforms: dict, labels: dict[str, int], masks: list[NDArray[np.uint8]], poses: NDArray[np.float64]
 ) -> None:
     """Rays through the middle of a compact object's mask pass within 3 cm of one point: masks, poses and axes agree."""
+    turns = poses[:, :3, :3]
+    np.testing.assert_allclose(np.linalg.inv(turns), turns.transpose(0, 2, 1), atol=1e-4)
     for name in ("clock", "cup", "bowl", "vase", "teddy bear", "banana"):
         rays = []
         for mask, pose in zip(masks, poses, strict=True):
