@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,6 @@ from fastsplat.service.common.dictionary import label_key
 
 ROOMS = {layout.name: layout for layout in layouts()}
 QUESTIONS = read_questions(tuple(ROOMS.values()))
-
-
-def test_there_are_200_and_none_stands_twice() -> None:
-    assert len(QUESTIONS) == 200 and len(set(QUESTIONS)) == 200
-    tools = Counter(question.tool for question in QUESTIONS)
-    assert set(tools) == {"find", "relations", "measure"} and min(tools.values()) >= 20
-    assert sum(question.kind == "absent" for question in QUESTIONS) == 40
 
 
 def test_nothing_was_fitted_to_other_words_and_to_absences() -> None:

@@ -3,35 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import shutil
-import sys
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import provenance
 from benchmarks.evaluation.datasets.reading import read_dataset
-from benchmarks.published import __main__ as published
 from benchmarks.published.__main__ import fetch, scenes_in
 from benchmarks.published.llff import with_transforms
-from benchmarks.published.paper import PAPER, tables
+from benchmarks.published.paper import tables
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from tests.benchmarks.evaluation import made_data
-
-
-def test_scenes_of_both_layouts_are_found_and_read_as_what_the_paper_measured(tmp_path: Path) -> None:
-    made_data.lerf_ovs(tmp_path / "lerf_ovs", [2, 41, 105], [41])
-    made_data.three_d_ovs(tmp_path / "3D-OVS" / "Covered-Desk", 5, ["01", "04"])
-    found = scenes_in(tmp_path)
-    assert found == {"teatime": tmp_path / "lerf_ovs/teatime", "covered_desk": tmp_path / "3D-OVS/Covered-Desk"}
-    for name, folder in found.items():
-        assert read_dataset(folder, CaptureSettings()).kind == PAPER[name].data_set
-    made_data.three_d_ovs(tmp_path / "again" / "covered_desk", 5, ["01"])
-    with pytest.raises(SystemExit, match="both called covered_desk"):
-        scenes_in(tmp_path)
 
 
 def test_cameras_of_llff_are_those_of_the_same_scene_in_colmap(tmp_path: Path) -> None:
@@ -49,19 +33,6 @@ def test_cameras_of_llff_are_those_of_the_same_scene_in_colmap(tmp_path: Path) -
         assert view.name == f"images/{target.name}" and view.queries
         assert view.posed is not None and target.posed is not None and view.posed.camera == target.posed.camera
         np.testing.assert_allclose(view.posed.world_from_camera, target.posed.world_from_camera, atol=1e-12)
-
-
-def test_the_documented_command_trains_measures_and_prints(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], models_dir: Path
-) -> None:
-    made_data.three_d_ovs(tmp_path / "sets" / "bed", 6, ["01", "04"])
-    monkeypatch.setenv("FASTSPLAT_MODELS", str(models_dir))
-    monkeypatch.setattr(provenance, "DRAFT", str(tmp_path))  # this tree may differ from its commit
-    monkeypatch.setattr(published, "RESULTS", tmp_path)
-    monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "sets"), "--labels", "default", "--iterations", "12"])
-    published.main()
-    row = json.loads((tmp_path / "published.json").read_text())["bed"]
-    assert f"{row['figures']['miou_views']:.3f}" in capsys.readouterr().out
 
 
 def test_an_archive_is_unpacked_only_where_it_is_the_one_that_was_meant(tmp_path: Path) -> None:

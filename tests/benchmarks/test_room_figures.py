@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.evaluation.datasets.dataset import Dataset, TrueView
 from benchmarks.evaluation.object_discovery import count_objects
-from benchmarks.rooms.__main__ import mean_of
 from benchmarks.rooms.figures import MARGIN, Measured, figures_of
 from benchmarks.rooms.truth import Truth
 from fastsplat.service.common.dictionary import dictionary_of
@@ -141,14 +139,3 @@ def test_names_are_right_or_not_and_known_or_not() -> None:
         "names_knowable": 2,
         "names_known": 1,
     }
-
-
-def test_a_mean_is_over_the_rooms_that_have_the_figure() -> None:
-    rows: list[dict[str, Any]] = [
-        {"floor_iou": 0.5, "names_given_right": 1, "names_given": 2, "names_known": 0, "names_knowable": 3}
-        | {"names_stated_right": 0, "names_stated": 1},
-        {"floor_iou": float("nan"), "names_given_right": 2, "names_given": 2, "names_known": 3, "names_knowable": 3},
-    ]
-    means = mean_of(rows)
-    assert means["floor_iou"] == 0.5 and means["names_given_right_share"] == 0.75
-    assert means["names_stated_right_share"] == 0 and means["names_known_share"] == 0.5

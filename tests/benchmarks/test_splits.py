@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
-import subprocess
-import sys
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-from benchmarks.__main__ import BENCHMARKS
 from benchmarks.calibration import calibrate
 from benchmarks.calibration.folds import folds_of
 from benchmarks.calibration.lists import read_scenes
-from benchmarks.provenance import RESULTS, ROOT, chosen_on
-from benchmarks.splits import HELD_OUT, add_split, results_file, with_split
+from benchmarks.splits import HELD_OUT, with_split
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.splatting.training_views import capture_split
 from tests.benchmarks.evaluation import made_data
@@ -46,26 +40,6 @@ def test_test_views_are_held_out_when_they_are_measured_and_gone_when_settings_a
 def test_without_a_split_of_its_own_every_fifth_view_tests(folder: Path) -> None:
     made_data.change_json(folder / "transforms.json", lambda document: document.pop("split"))
     assert load_posed_folder(folder)[0].test_names == ("002.png", "007.png")
-
-
-def test_validation_is_the_default_and_its_figures_are_not_committed() -> None:
-    parser = argparse.ArgumentParser()
-    add_split(parser)
-    assert parser.parse_args([]).split == "validation" and parser.parse_args(["--split", "test"]).split == "test"
-    assert results_file("trade", "test") == RESULTS / "trade.json"
-    ignored = (ROOT / ".gitignore").read_text().splitlines()
-    assert f"/{results_file('*', 'validation').relative_to(ROOT).as_posix()}" in ignored
-    assert "promise nothing" in chosen_on("tabletop", "validation")
-    assert "test views" in chosen_on("tabletop", "test") and "nothing" in chosen_on("kitchen", "test")
-
-
-def test_every_listed_benchmark_is_there() -> None:
-    for name, benchmark in BENCHMARKS.items():
-        assert find_spec(f"benchmarks.{benchmark.module or name}") is not None
-    done = subprocess.run(
-        [sys.executable, "-m", "benchmarks", "budgets", "--help"], cwd=ROOT, capture_output=True, text=True
-    )
-    assert done.returncode == 0 and "--seconds" in done.stdout, done.stderr
 
 
 def test_templates_are_chosen_without_the_scenes_that_judge(monkeypatch: pytest.MonkeyPatch) -> None:

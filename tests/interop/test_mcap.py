@@ -24,22 +24,22 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from fastsplat.service.scene.artefact.frames import frame_of, scaled
 from fastsplat.service.scene.artefact.scaling import ScaledLength, combined
-from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.geometry.places import Alignment
 from fastsplat_contract.geometry.poses import Pose, Vector3, quaternion_of
 from fastsplat_contract.messages.scenes import Edit
-from tests.interop.wall_views import HOSTILE, PHOTOS, START, seen_wall
+from tests.interop.wall_views import PHOTOS, START, seen_wall
 
 _NUMPY = {1: "u1", 3: "<u2", 7: "<f4"}
 
 
-def _index() -> SceneIndex:
+@pytest.fixture(scope="module")
+def index() -> SceneIndex:
     return seen_wall(lambda angle: Rotation.from_euler("xyz", [angle / 2, angle, angle / 3]).as_matrix())
 
 
-def _written(index: SceneIndex, objects: Sequence[int] = (), name: str = "wall") -> bytes:
-    points = points_file(index, name, objects, 0.05)
-    return foxglove_file(index, SceneRecording("an-id", "v7", name, START, points, PHOTOS, 1), objects)
+def _written(index: SceneIndex, objects: Sequence[int] = ()) -> bytes:
+    points = points_file(index, "wall", objects, 0.05)
+    return foxglove_file(index, SceneRecording("an-id", "v7", "wall", START, points, PHOTOS, 1), objects)
 
 
 def _messages(content: bytes) -> dict[str, list[tuple[int, Any]]]:
@@ -68,8 +68,7 @@ def _matrix(translation: Message, rotation: Message) -> np.ndarray:
     return matrix
 
 
-def test_each_object_is_a_box_with_its_name() -> None:
-    index = _index()
+def test_each_object_is_a_box_with_its_name(index: SceneIndex) -> None:
     ((at, update),) = _messages(_written(index))["/objects"]
     assert at == START and len(update.entities) == len(index.objects.listed) == 2
     for entity, obj in zip(update.entities, index.objects.listed, strict=True):
@@ -89,8 +88,7 @@ def test_each_object_is_a_box_with_its_name() -> None:
 
 
 @pytest.mark.parametrize("objects", [(), (2,)])
-def test_the_cloud_is_that_of_the_points_file(objects: tuple[int, ...]) -> None:
-    index = _index()
+def test_the_cloud_is_that_of_the_points_file(index: SceneIndex, objects: tuple[int, ...]) -> None:
     ((_, cloud),) = _messages(_written(index, objects))["/points"]
     fields = {field.name: (_NUMPY[field.type], field.offset) for field in cloud.fields}
     rows = np.frombuffer(
@@ -112,8 +110,7 @@ def test_the_cloud_is_that_of_the_points_file(objects: tuple[int, ...]) -> None:
     assert set(rows["object"].tolist()) == set(objects or (1, 2))
 
 
-def test_the_map_of_the_floor_is_a_grid_at_its_height() -> None:
-    index = _index()
+def test_the_map_of_the_floor_is_a_grid_at_its_height(index: SceneIndex) -> None:
     cells = np.array([[FREE, OCCUPIED, UNKNOWN], [UNKNOWN, FREE, FREE]], np.int8)
     floor = OccupancyMap(cells, np.zeros((2, 3), np.float32), 0.05, (-1.5, 2.0), 0.12, "surface", "", 1.5)
     recording = SceneRecording("an-id", "v7", "wall", START, points_file(index, "wall", (), 0.05), {}, floor=floor)
@@ -130,8 +127,7 @@ def test_the_map_of_the_floor_is_a_grid_at_its_height() -> None:
     assert "/map" not in _messages(_written(index))
 
 
-def test_cameras_follow_one_another_with_their_photos() -> None:
-    index = _index()
+def test_cameras_follow_one_another_with_their_photos(index: SceneIndex) -> None:
     read = _messages(_written(index))
     assert [at for at, _ in read["/camera/calibration"]] == [START + number * STEP_NS for number in range(3)]
     for number, posed in enumerate(index.scene.cameras):
@@ -157,8 +153,7 @@ def test_cameras_follow_one_another_with_their_photos() -> None:
         np.testing.assert_allclose(_matrix(pose.position, pose.orientation), posed.world_from_camera, atol=1e-12)
 
 
-def test_frames_of_a_map_lead_back_to_the_trained_scene() -> None:
-    index = _index()
+def test_frames_of_a_map_lead_back_to_the_trained_scene(index: SceneIndex) -> None:
     length = ScaledLength(units=2.0, deviation=0.01, meters=1.0, meters_deviation=0.002)
     trained = dataclasses.replace(index.scene, scale="ARBITRARY")
     metric = index.after(scaled(trained, combined([length])))
@@ -180,8 +175,7 @@ def test_frames_of_a_map_lead_back_to_the_trained_scene() -> None:
     assert low < float(about["meters_per_unit"]) == 0.5 < high and about["unit"] == "metre" and "warning" not in about
 
 
-def test_metadata_says_what_the_scene_is_and_that_lengths_are_not_meters() -> None:
-    index = _index()
+def test_metadata_says_what_the_scene_is_and_that_lengths_are_not_meters(index: SceneIndex) -> None:
     content = _written(index.after(dataclasses.replace(index.scene, scale="ARBITRARY")))
     read = _metadata(content)
     about = read["scene"]
@@ -193,26 +187,8 @@ def test_metadata_says_what_the_scene_is_and_that_lengths_are_not_meters() -> No
     assert _metadata(_written(index, (2,)))["objects"] == {"2": "grün\nhalf"}
 
 
-def _renamed(index: SceneIndex, name: str) -> Scene:
-    """The scene with its first label, and so its first object, called otherwise."""
-    scene = index.scene
-    first, *rest = scene.dictionary.entries
-    entries = (dataclasses.replace(first, label=name), *rest)
-    return dataclasses.replace(scene, dictionary=dataclasses.replace(scene.dictionary, entries=entries))
-
-
-def test_names_are_text_whatever_they_hold() -> None:
-    index = _index()
-    named = index.after(_renamed(index, HOSTILE))
-    content = _written(named, name=HOSTILE)
-    entity = _messages(content)["/objects"][0][1].entities[0]
-    assert entity.texts[0].text == HOSTILE == _metadata(content)["scene"]["name"]
-    assert _metadata(content)["objects"]["1"] == HOSTILE and entity.id == "1"
-
-
-def test_the_same_version_is_the_same_bytes() -> None:
-    index = _index()
-    assert _written(index) == _written(_index()) == _written(index)
+def test_the_same_version_is_the_same_bytes(index: SceneIndex) -> None:
+    assert _written(index) == _written(index.after(dataclasses.replace(index.scene))) == _written(index)
     assert _written(index) != _written(index, (1,))
 
 

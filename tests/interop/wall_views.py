@@ -14,7 +14,6 @@ from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.query.wall import wall_index
 
 START = 1_700_000_000_250_000_000  # nanoseconds since 1970 at which the recording begins
-HOSTILE = '<img src=x onerror=alert(1)>\n"; DROP TABLE\u202e \U0001f9f8'
 
 
 def seen_wall(rotation: Callable[[float], NDArray[np.float64]]) -> SceneIndex:

@@ -28,11 +28,8 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_it_is_small(temporary: Path) -> None:
+def test_it_is_a_small_and_whole_data_folder(temporary: Path) -> None:
     assert SAMPLE_ARCHIVE.stat().st_size <= _MOST_BYTES
-
-
-def test_it_is_a_whole_data_folder(temporary: Path) -> None:
     with sample_folder() as folder:
         store = open_store(folder)
         (scene_id,) = store.scenes.ready_scene_ids()

@@ -124,11 +124,14 @@ def test_the_middle_of_what_is_new_is_right_where_photos_see_one_side_of_it(
     _assert_around(event.after, _box(_AT), 0.06)
 
 
-def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer) -> None:
-    (event,) = _events(with_block, empty, _photos(empty), {_BLOCK: _box(_AT)})
-    assert event.kind == "gone" and event.object_id == _BLOCK and event.after is None
+@pytest.mark.parametrize("found", [True, False])
+def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer, found: bool) -> None:
+    """Also where it was none of the scene's objects, and is not new there."""
+    (event,) = _events(with_block, empty, _photos(empty), {_BLOCK: _box(_AT)} if found else {})
+    assert event.kind == "gone" and event.object_id == (_BLOCK if found else 0) and event.after is None
+    _assert_around(event.before, _box(_AT), 0.1)
     assert {region.kind for region in event.regions} == {"missing"}
-    for region in event.regions:
+    for region in event.regions if found else ():
         posed = _VIEWS[region.view]
         block = np.abs(with_block.colors(posed).astype(int) - empty.colors(posed)).max(axis=2) > 30
         rows, columns = np.nonzero(block)
@@ -146,13 +149,6 @@ def test_what_was_put_elsewhere_has_moved(
     assert event.kind == "moved" and event.object_id == (_BLOCK if found else 0)
     _assert_around(event.before, _box(_AT), _WIDTH / 2)
     _assert_around(event.after, _box(_AT) + _AWAY, _WIDTH / 2)
-
-
-def test_what_was_taken_away_and_was_no_object_is_gone_not_new(empty: Renderer, with_block: Renderer) -> None:
-    (event,) = _events(with_block, empty, _photos(empty), {})
-    assert event.kind == "gone" and event.object_id == 0 and event.after is None
-    _assert_around(event.before, _box(_AT), 0.1)
-    assert {region.kind for region in event.regions} == {"missing"}
 
 
 def test_views_that_are_mostly_unsure_of_an_object_say_nothing_of_it(empty: Renderer, with_block: Renderer) -> None:

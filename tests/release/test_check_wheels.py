@@ -63,25 +63,15 @@ def test_the_bill_has_digests_in_place_of_files_of_this_machine() -> None:
     ]
 
 
-_SERVER = """
-import http.server, sys
-class Page(http.server.BaseHTTPRequestHandler):
-    def do_GET(self):
-        there = self.path in sys.argv[3:]
-        self.send_response(200 if there else 404)
-        self.end_headers()
-        self.wfile.write(sys.argv[2].encode())
-http.server.HTTPServer(("127.0.0.1", int(sys.argv[1])), Page).serve_forever()
-"""
-
-
 def test_a_page_counts_only_with_all_that_it_names(tmp_path: Path) -> None:
-    for page, paths, refused in (
-        ('<script src="web/assets/a.js">', ["/", "/web/assets/a.js"], ""),
-        ('<script src="web/assets/a.js">', ["/"], "404"),
-        ("not built", ["/"], "names no files"),
-    ):
+    names = '<script src="web/a.js">'
+    for page, files, refused in ((names, ["a.js"], ""), (names, [], "404"), ("not built", [], "names no files")):
+        served = tmp_path / f"page {refused}"
+        (served / "web").mkdir(parents=True)
+        (served / "index.html").write_text(page)
+        for file in files:
+            (served / "web" / file).touch()
         (port,) = free_ports(1)
-        command = [sys.executable, "-c", _SERVER, str(port), page, *paths]
+        command = [sys.executable, "-m", "http.server", str(port), "-b", "127.0.0.1", "-d", str(served)]
         with pytest.raises((SystemExit, OSError), match=refused) if refused else nullcontext():
             check_page(command, dict(os.environ), tmp_path, f"http://127.0.0.1:{port}")

@@ -14,7 +14,6 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import CodeSemantics
-from fastsplat.service.splat_import.bulk import uncoded_gaussians
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
 from fastsplat.service.splatting.results import TrainedSplats
@@ -131,9 +130,3 @@ def test_a_cancelled_lifting_ends_at_once(room: Room, tmp_path: Path) -> None:
     with pytest.raises(CancelledError):
         lift_labels(with_splat(room, tmp_path), labelling_of(room), _TRAINING, _SETTINGS, cancel)
     assert sum("step" in step for step in steps) == 3
-
-
-def test_the_splat_of_a_capture_is_the_users(room: Room, tmp_path: Path) -> None:
-    gaussians = uncoded_gaussians(with_splat(room, tmp_path).splat)
-    assert gaussians.codes.shape == (len(room.gaussians), 0)
-    np.testing.assert_array_equal(gaussians.sh, room.gaussians.sh)

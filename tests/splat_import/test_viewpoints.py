@@ -113,11 +113,6 @@ def test_up_is_found_in_worlds_of_every_custom(custom: str, tilt_deg: float) -> 
     assert np.degrees(np.arccos(up @ turned.apply([0.0, 0, 1]))) < 5
 
 
-def test_axes_by_their_names() -> None:
-    np.testing.assert_array_equal(axis_vector("-y"), [0, -1, 0])
-    np.testing.assert_array_equal(axis_vector("x"), [1, 0, 0])
-
-
 def test_a_pose_looks_at_its_target_with_its_head_up() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):

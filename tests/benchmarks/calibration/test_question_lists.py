@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -91,10 +89,3 @@ def test_equal_loss_loses_as_much_as_it_lets_in(present: np.ndarray, absent: np.
     below, above = scores[scores < threshold], scores[scores >= threshold]
     assert not len(below) or excess(below[-1]) <= 0 or excess(threshold) >= 0
     assert not len(above) or excess(np.nextafter(above[0], np.inf)) >= 0
-
-
-@pytest.mark.parametrize("line", ["kind: an object -> spoon", "another: an object"])
-def test_a_bad_line_is_named(line: str, tmp_path: Path) -> None:
-    (tmp_path / "list.txt").write_text(f"[room] cup\n{line}\n")
-    with pytest.raises(ValueError, match="line 2"):
-        read_cases(tmp_path / "list.txt")

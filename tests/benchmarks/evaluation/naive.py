@@ -7,8 +7,6 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-Map = NDArray[np.integer]
-
 
 def window(row: int, column: int, reach: int, shape: tuple[int, int]) -> list[tuple[int, int]]:
     """All pixels of the image within `reach` of one, by the chessboard distance."""
@@ -35,15 +33,6 @@ def iou(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> float:
     union = sum(bool(a or b) for a, b in zip(left.ravel(), right.ravel(), strict=True))
     both = sum(bool(a and b) for a, b in zip(left.ravel(), right.ravel(), strict=True))
     return both / union if union else float("nan")
-
-
-def confusion(predicted: Map, truth: Map, labels: int, valid: NDArray[np.bool_] | None) -> NDArray[np.int64]:
-    """[N + 1, N + 1]: row = true class, column = predicted class."""
-    table = np.zeros((labels + 1, labels + 1), np.int64)
-    for place in itertools.product(*map(range, truth.shape)):
-        if valid is None or valid[place]:
-            table[truth[place], predicted[place]] += 1
-    return table
 
 
 def mirrored(index: int, length: int) -> int:

@@ -59,16 +59,6 @@ def test_micro_weighs_pixels_where_macro_weighs_labels() -> None:
     assert result.micro_iou() == pytest.approx(9 / 11)
 
 
-@pytest.mark.parametrize("masked", [False, True])
-def test_counts_are_those_of_the_confusion_table(masked: bool) -> None:
-    random = np.random.default_rng(1)
-    truth, predicted = random.integers(0, 6, (2, 9, 7))
-    valid = random.random((9, 7)) < 0.7 if masked else None
-    table = naive.confusion(predicted, truth, 5, valid)
-    counts = mask_counts(predicted, truth, 5, valid).counts
-    assert (counts == np.stack([np.diagonal(table), table.sum(axis=1), table.sum(axis=0)], axis=1)).all()
-
-
 def test_very_many_labels_are_counted_without_a_table_of_pairs() -> None:
     truth, predicted = np.random.default_rng(1).integers(0, 6, (2, 9, 7))
     many = mask_counts(predicted, truth, 60_000)
