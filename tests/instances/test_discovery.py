@@ -1,4 +1,4 @@
-"""Objects of a made room are discovered without a word, and named by whoever has words."""
+"""Objects of a made room are discovered without a word, looked at where photos may be kept, and named by who has words."""
 
 from __future__ import annotations
 
@@ -12,22 +12,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastsplat.service.capture.build import load_image
+from fastsplat.service.capture.capture_settings import PhotoSettings
+from fastsplat.service.capture.captures import WithheldReport
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
+from fastsplat.service.common.progress import silent
 from fastsplat.service.instances.discovery.discovery import Discovery, discover_objects
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.instances.naming.naming import NAMED_FROM, NameVotes, name_objects, name_probability
 from fastsplat.service.instances.naming.object_appearances import with_appearances
 from fastsplat.service.instances.scene_objects import find_scene_objects, regions_of_label_map
+from fastsplat.service.jobs.create_scene import find_objects
 from fastsplat.service.perception.appearance import SIZE, open_appearance_encoder
 from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions, ViewMasks
-from fastsplat.service.scene.artefact.scene import STATED_FROM, Gaussians, Object, Objects
+from fastsplat.service.scene.artefact.scene import STATED_FROM, Gaussians, Object, Objects, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import no_evidence
 from fastsplat.service.scene.objects.objects import object_rows
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat_contract.errors import CancelledError
 from tests.instances.made_room import NAMES, BallDetector, ColorSegmenter, NoDetector, Room
+from tests.instances.test_discovery import PERCEPTION, SETTINGS
 from tests.looks_model import MODEL, write_looks_model
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
@@ -261,3 +268,26 @@ def test_an_object_says_in_which_views_it_was_proposed_and_missed(
     after = discover_objects(room.gaussians, room.capture.views, blind, UP, SETTINGS)
     assert any(3 in obj.missed_in for obj in after.objects.table)
     assert not any(3 in obj.proposed_in for obj in after.objects.table)
+
+
+@pytest.fixture
+def chosen(tmp_path: Path, models_dir: Path) -> Settings:
+    write_looks_model(tmp_path)
+    (tmp_path / "picodet_416").symlink_to(models_dir / "picodet_416")
+    perception = PerceptionSettings(image_text=MODEL, reader="")
+    return Settings(models=tmp_path, perception=perception, discovery=SETTINGS.model_copy(update={"objects": "on"}))
+
+
+def _looked_at(room: Room, chosen: Settings) -> list[bool]:
+    masks = propose_view_masks(room.capture.views, NoDetector(), ColorSegmenter(), PERCEPTION)
+    trained = TrainedSplats(room.gaussians, SemanticHead.unlearnt(0), {}, ())
+    objects, _ = find_objects(trained, Labelling(Dictionary(()), (), masks=masks), room.capture, chosen, silent)
+    assert objects is not None and all(obj.appearance for obj in objects.table)
+    return [obj.looks is not None for obj in objects.table]
+
+
+def test_looks_are_kept_unless_photos_are_not_or_people_are_withheld(room: Room, chosen: Settings) -> None:
+    assert all(_looked_at(room, chosen))
+    assert not any(_looked_at(room, chosen.model_copy(update={"photos": PhotoSettings(keep="off")})))
+    report = replace(room.capture.report, withheld=WithheldReport("people", 0, 0.0))
+    assert not any(_looked_at(replace(room, capture=replace(room.capture, report=report)), chosen))
