@@ -1,4 +1,4 @@
-"""Atomic files and directories: the old, or the whole new, on the disk before it is in sight; a full disk is an OSError."""
+"""Atomic files and directories: the old, or the whole new, on the disk before it is in sight, or an OSError."""
 
 from __future__ import annotations
 

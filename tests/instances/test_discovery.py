@@ -1,4 +1,4 @@
-"""Objects of a made room are discovered without a word, looked at where photos may be kept, and named by who has words."""
+"""Objects of a made room are discovered without a word, looked at if photos may be kept, and named by who has words."""
 
 from __future__ import annotations
 
@@ -34,7 +34,6 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat_contract.errors import CancelledError
 from tests.instances.made_room import NAMES, BallDetector, ColorSegmenter, NoDetector, Room
-from tests.instances.test_discovery import PERCEPTION, SETTINGS
 from tests.looks_model import MODEL, write_looks_model
 
 SETTINGS = DiscoverySettings(min_weight_px=5)

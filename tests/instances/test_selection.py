@@ -1,4 +1,4 @@
-"""Parts and groups are no objects but are found as such, surfaces are whole, and every Gaussian has one owner at most."""
+"""Parts and groups are none of the objects, surfaces are whole, and every Gaussian has one owner at most."""
 
 from __future__ import annotations
 
@@ -258,9 +258,6 @@ def test_a_print_lies_in_the_plane_of_a_table_and_what_lies_on_it_does_not(heigh
     points = grid(0.2, 0.2, 0.02, height=0.05 * height)
     rows = np.arange(len(points), dtype=np.int32)
     assert lies_in(Plane(UP, 0.0, 0.05), rows, gaussians_at(points), np.ones(len(points), np.float32)) == lies
-
-
-SETTINGS = DiscoverySettings(min_weight_px=5)
 
 
 def test_what_the_hierarchy_takes_for_several_objects_is_a_group_of_them() -> None:

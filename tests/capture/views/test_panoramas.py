@@ -1,4 +1,4 @@
-"""360° panoramas and videos: as rigs of pinhole faces they find their places; what their metadata say is not trusted."""
+"""360° panoramas and videos: as rigs of pinhole faces they find their places; what metadata say is not trusted."""
 
 from __future__ import annotations
 

@@ -44,7 +44,6 @@ from fastsplat_contract.jobs.operations import Privacy
 from tests.capture import made_room
 from tests.capture.phone_recordings import Frame, polycam
 from tests.capture.upload_files import encoded, video_file
-from tests.capture.views.test_withholding import Mask, Paint, _figure, _files, _noise, _painted, _red, _splat, _upload
 
 Mask = NDArray[np.bool_]
 Paint = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]  # stands in for a picture's pixels, by its number
