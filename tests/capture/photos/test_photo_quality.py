@@ -50,14 +50,6 @@ def test_real_photos_are_fine_and_those_that_shook_are_not(scene: str, test_data
     assert "sharp" in verdicts["03"].advice and verdicts["03"].sharpness < 0.5
 
 
-def test_a_photo_in_the_dark_is_dark(test_data: Path) -> None:
-    photos = [_load(path) for path in sorted((test_data / "plush/images").glob("*.*"))[:6]]
-    qualities = [measure_photo(str(number), photo) for number, photo in enumerate(photos)]
-    qualities[2] = measure_photo("2", (photos[2] * 0.12).astype(np.uint8))
-    verdicts = _judged(qualities)
-    assert [name for name, verdict in verdicts.items() if "dark" in verdict.defects] == ["2"]
-
-
 def _pose(x: float) -> NDArray[np.float64]:
     pose = np.eye(4)
     pose[0, 3] = x
