@@ -145,11 +145,6 @@ def unnamed(room: Room, masks: Masks) -> Found:
     return find_scene_objects(room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS)
 
 
-def test_without_labels_objects_have_no_names(unnamed: Found) -> None:
-    objects, _ = unnamed
-    assert len(objects.table) == 4 and not any(obj.name for obj in objects.table)
-
-
 def test_objects_are_described_from_the_photos_that_show_them(room: Room, unnamed: Found, models_dir: Path) -> None:
     encoder = open_appearance_encoder(PerceptionSettings(), models_dir)
     assert encoder is not None
