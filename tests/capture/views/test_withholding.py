@@ -113,20 +113,6 @@ def _splat(capture: Capture) -> bytes:
     return stream.getvalue()
 
 
-def test_what_privacy_withholds_makes_no_difference_to_anything(test_data: Path, tmp_path: Path) -> None:
-    red = _capture(test_data, tmp_path / "red", _red, "people")
-    noise = _capture(test_data, tmp_path / "noise", _noise, "people")
-    assert _files(tmp_path / "red/upload") != _files(tmp_path / "noise/upload")
-    assert _files(tmp_path / "red/capture") == _files(tmp_path / "noise/capture")
-    assert _splat(red) == _splat(noise)
-    for name, capture in (("red", red), ("noise", noise)):
-        (tmp_path / name / "version").mkdir()
-        write_photos(capture, tmp_path / name / "version", PhotoSettings())
-    assert _files(tmp_path / "red/version") == _files(tmp_path / "noise/version")
-    stored = load_rgb(photo_path(tmp_path / "red/version", _WALKING[0]))
-    assert np.abs(stored[_figure(_WALKING[0])].astype(int) - BLANK).mean() < 8  # JPEG
-
-
 def test_photos_and_the_whole_say_what_is_withheld(test_data: Path, tmp_path: Path) -> None:
     report = _capture(test_data, tmp_path, _red, "people").report
     expected = [round(float(_figure(view).mean()), 4) for view in range(_VIEWS)]
@@ -328,7 +314,7 @@ def _with_maps(source: Path, folder: Path, seed: int) -> None:
     path.write_text(json.dumps(document))
 
 
-def test_posed_photos_withhold_their_depths_and_labels(test_data: Path, tmp_path: Path) -> None:
+def test_posed_photos_with_depths_and_labels_withhold_from_everything(test_data: Path, tmp_path: Path) -> None:
     splats = []
     for seed, (name, paint) in enumerate((("red", _red), ("noise", _noise))):
         folder = _upload(test_data / "tabletop", tmp_path / name / "upload", paint)
@@ -336,8 +322,14 @@ def test_posed_photos_withhold_their_depths_and_labels(test_data: Path, tmp_path
         capture = _built(tmp_path / name, CaptureSettings(), map(_figure, range(6)))
         assert all(view.depth is not None for view in capture.views) and capture.given_labels is not None
         splats.append(_splat(capture))
-    assert _files(tmp_path / "red/capture") == _files(tmp_path / "noise/capture")
+        (tmp_path / name / "version").mkdir()
+        write_photos(capture, tmp_path / name / "version", PhotoSettings())
+    assert _files(tmp_path / "red/upload") != _files(tmp_path / "noise/upload")
+    for stage in ("capture", "version"):
+        assert _files(tmp_path / "red" / stage) == _files(tmp_path / "noise" / stage)
     assert splats[0] == splats[1]
+    photo = load_rgb(photo_path(tmp_path / "red/version", _WALKING[0]))
+    assert np.abs(photo[_figure(_WALKING[0])].astype(int) - BLANK).mean() < 8  # JPEG
     maps = tmp_path / "red/capture/labels"
     stored = [np.asarray(Image.open(path)) for path in sorted(maps.iterdir())]
     assert all(not ids[_figure(view)].any() and ids.any() for view, ids in enumerate(stored))
