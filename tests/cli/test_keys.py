@@ -31,21 +31,18 @@ def test_a_key_is_made_listed_and_revoked(fastsplat: Run, service: SceneService)
 
 
 def test_a_key_of_a_project_needs_the_project(service: SceneService) -> None:
-    def here(*words: str) -> Result:
-        return invoke(*words)
-
-    refused = here("keys", "create", "kitchen robot", "--project", "kitchen")
+    refused = invoke("keys", "create", "kitchen robot", "--project", "kitchen")
     assert isinstance(refused.exception, NotFoundError) and refused.stdout == ""
-    assert here("projects", "create", "kitchen").exit_code == 0
-    assert isinstance(here("projects", "create", "Kitchen!").exception, InvalidInputError)
-    run = here("keys", "create", "kitchen robot", "--project", "kitchen", "--role", "admin")
+    assert invoke("projects", "create", "kitchen").exit_code == 0
+    assert isinstance(invoke("projects", "create", "Kitchen!").exception, InvalidInputError)
+    run = invoke("keys", "create", "kitchen robot", "--project", "kitchen", "--role", "admin")
     record = service.admin.keys.valid().find(run.stdout.strip())
     assert record is not None and (record.project, record.role) == ("kitchen", "admin")
-    assert here("keys", "create", "x", "--role", "write").exit_code == 2
-    listed = here("projects", "list").stdout
+    assert invoke("keys", "create", "x", "--role", "write").exit_code == 2
+    listed = invoke("projects", "list").stdout
     assert "kitchen" in listed and "default" in listed
-    assert "kitchen robot" in here("keys", "list", "--project", "kitchen").stdout
-    assert "kitchen robot" not in here("keys", "list").stdout
+    assert "kitchen robot" in invoke("keys", "list", "--project", "kitchen").stdout
+    assert "kitchen robot" not in invoke("keys", "list").stdout
 
 
 def test_serving_without_keys_is_refused_on_an_open_host(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
