@@ -1,4 +1,4 @@
-"""How images get cameras: the first before others have features, and where COLMAP's thresholds or a wrong pair mislead."""
+"""How images get cameras: the first before others have features; and where thresholds or a wrong pair mislead."""
 
 from __future__ import annotations
 
