@@ -1,4 +1,4 @@
-"""`fastsplat demo`: what it shows, may empty and fetches; the two commands of the README call it."""
+"""`fastsplat demo`: what it shows, names, may empty and fetches; the two commands of the README call it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fastsplat.cli.demo import command
 from fastsplat.cli.demo.command import clear, demo, prepare, pull_defaults, pull_text_encoder, seen_by
-from fastsplat.cli.demo.main_job import SAMPLE_PHOTOS
+from fastsplat.cli.demo.main_job import SAMPLE_PHOTOS, object_to_name
 from fastsplat.cli.operating.browser import has_desktop
 from fastsplat.service.library.local_scene import open_scene
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.rows.database import SQLITE_NAME
 from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
+from fastsplat_contract.messages.objects import SceneObject
 from release.check_wheels import free_ports
 
 _ROOT = Path(__file__).parents[2]
@@ -170,3 +172,24 @@ def test_the_browser_opens_when_the_sample_can_be_seen(models_dir: Path, tmp_pat
         process.send_signal(signal.SIGTERM)
         process.wait()
     assert (tmp_path / "demo-output" / "service" / SQLITE_NAME).is_file()
+
+
+def _object(object_id: int, name: str = "", kind: str = "object") -> SceneObject:
+    source = "detected" if name else None
+    return SceneObject(object_id, name, source, 0.0, (), kind, "", 1.0, 10, None, False)
+
+
+def test_the_largest_object_without_a_name_before_named_ones_and_surfaces() -> None:
+    ids = np.repeat(np.array([0, 1, 2, 3, 4], np.uint16), [50, 40, 30, 20, 10]).reshape(10, 15)
+    ids = np.pad(ids, 1)
+    floor, cup = _object(1, kind="surface"), _object(2, "cup")
+    assert object_to_name(ids, {1: floor, 2: cup, 3: _object(3), 4: _object(4)}) == 3
+    assert object_to_name(ids, {1: floor, 2: cup, 3: _object(3, "bowl"), 4: _object(4, "fork")}) == 2
+    assert object_to_name(ids[:, :0], {}) is None
+
+
+def test_what_the_picture_shows_whole_before_what_it_cuts_off() -> None:
+    ids = np.ones((10, 10), np.uint16)
+    ids[3:6, 3:6] = 2
+    assert object_to_name(ids, {1: _object(1), 2: _object(2)}) == 2
+    assert object_to_name(ids, {1: _object(1), 2: _object(2, "cup")}) == 1

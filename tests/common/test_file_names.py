@@ -17,27 +17,13 @@ _LETTERS = st.characters(codec=None) | st.sampled_from("./\\: C\x00\u202e\udc80"
 @pytest.mark.parametrize(
     ("name", "problem"),
     [
-        ("", "empty"),
-        (".", "empty"),
-        ("/etc/passwd", "absolute"),
-        ("//host/share", "absolute"),
-        ("C:/a", "absolute"),
-        ("./C:/a", "absolute"),
-        ("c:a", "absolute"),
-        ("..", "'..'"),
-        ("../a", "'..'"),
-        ("a/../../b", "'..'"),
-        ("a\\b", "backslash"),
-        ("..\\a", "backslash"),
-        ("a\0b", "control"),
-        ("a\nb", "control"),
-        ("a\x85b", "control"),
-        ("a\udc80b", "not text"),
-        ("x" * 256, "255 bytes"),
-        ("ü" * 128, "255 bytes"),
+        ("", "empty"), (".", "empty"), ("/etc/passwd", "absolute"), ("//host/share", "absolute"), ("C:/a", "absolute"),
+        ("./C:/a", "absolute"), ("c:a", "absolute"), ("..", "'..'"), ("../a", "'..'"), ("a/../../b", "'..'"),
+        ("a\\b", "backslash"), ("..\\a", "backslash"), ("a\0b", "control"), ("a\nb", "control"),
+        ("a\x85b", "control"), ("a\udc80b", "not text"), ("x" * 256, "255 bytes"), ("ü" * 128, "255 bytes"),
         ("a/" * 16 + "a", "16 folders"),
     ],
-)
+)  # fmt: skip
 def test_unsafe_names(name: str, problem: str) -> None:
     with pytest.raises(InvalidInputError, match="not safe") as caught:
         safe_parts(name)

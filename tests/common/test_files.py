@@ -1,8 +1,10 @@
-"""Atomic files and directories: the old, or the whole new, on the disk before it is in sight; no leftovers."""
+"""Atomic files and directories: the old, or the whole new, on the disk before it is in sight, or an OSError."""
 
 from __future__ import annotations
 
+import errno
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -10,8 +12,10 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.files import atomic_directory, atomic_file, publish_directory
 
 Atomic = Callable[..., AbstractContextManager[Path]]
@@ -124,3 +128,15 @@ with atomic(Path({str(target)!r})) as partial:
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == -signal.SIGKILL
     assert _read(target) == "old"
     assert all(path == target or path.name.startswith(".it.") for path in tmp_path.iterdir())
+
+
+def test_an_end_of_the_disk_is_the_systems_own_error(tmp_path: Path) -> None:
+    """A bound on the size of a file stands for the disk's end."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
+    try:
+        with pytest.raises(OSError, match="large") as caught:
+            write_arrays({"a": np.zeros(10_000, np.float32)}, tmp_path / "a.safetensors")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert caught.value.errno == errno.EFBIG and signal.getsignal(signal.SIGXFSZ) == signal.SIG_IGN

@@ -98,18 +98,15 @@ def test_no_variable_sets_a_constant(monkeypatch: pytest.MonkeyPatch) -> None:
             assert caught.value.field == variable
 
 
-@pytest.mark.parametrize(
-    ("variable", "value"),
-    [("FASTSPLAT_JOBS__BEAT_S", "secret"), ("FASTSPLAT_JOBS__MAX_STARTS", "secret"), ("FASTSPLAT_HTTP_PORT", "secret")],
-)
+@pytest.mark.parametrize("variable", ["FASTSPLAT_JOBS__BEAT_S", "FASTSPLAT_JOBS__MAX_STARTS", "FASTSPLAT_HTTP_PORT"])
 def test_a_variable_that_sets_nothing_is_refused_by_name_and_not_told(
-    variable: str, value: str, monkeypatch: pytest.MonkeyPatch
+    variable: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(variable, value)
+    monkeypatch.setenv(variable, "secret")
     with pytest.raises(InvalidInputError) as caught:
         load_settings()
     assert caught.value.field == variable and variable in caught.value.message and caught.value.hint
-    assert value not in str(caught.value)
+    assert "secret" not in str(caught.value)
 
 
 _VARIABLES = {f"{ENV_PREFIX}{name.upper()}" for name in _names()}

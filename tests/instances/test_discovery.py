@@ -146,11 +146,6 @@ def unnamed(room: Room, masks: Masks) -> Found:
     return find_scene_objects(room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS)
 
 
-def test_without_labels_objects_have_no_names(unnamed: Found) -> None:
-    objects, _ = unnamed
-    assert len(objects.table) == 4 and not any(obj.name for obj in objects.table)
-
-
 def test_objects_are_described_from_the_photos_that_show_them(room: Room, unnamed: Found, models_dir: Path) -> None:
     encoder = open_appearance_encoder(PerceptionSettings(), models_dir)
     assert encoder is not None
@@ -237,17 +232,6 @@ def test_regions_of_a_label_map_are_its_connected_areas() -> None:
     for number, votes in enumerate(regions.votes, start=1):
         assert (label_map[regions.ids == number] == votes[0][0]).all()
     assert (regions.ids > 0).sum() == (label_map > 0).sum() - 1  # the speck
-
-
-def test_undistorted_margins_say_nothing(room: Room, masks: Masks, tmp_path: Path) -> None:
-    """Pixels without content count for no mask: a view that is all margin changes nothing."""
-    blank = tmp_path / "valid.png"
-    cv2.imwrite(str(blank), np.zeros((72, 96), np.uint8))
-    views = list(room.capture.views)
-    views[0] = replace(views[0], valid_path=blank)
-    without = discover_objects(room.gaussians, views[1:], masks[1:], UP, SETTINGS)
-    margin = discover_objects(room.gaussians, views, masks, UP, SETTINGS)
-    assert len(margin.objects.table) == len(without.objects.table) == 4
 
 
 def test_an_object_says_in_which_views_it_was_proposed_and_missed(

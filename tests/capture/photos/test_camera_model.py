@@ -79,23 +79,6 @@ def test_the_lens_is_told_by_two_numbers_where_they_say_it(turns: int) -> None:
     assert lens("PINHOLE", _F, 0.9 * _F, 160.0, 120.0) is None
 
 
-def test_a_straight_line_becomes_straight() -> None:
-    """A dark line of the world: a parabola in the photo, a line in the undistorted image."""
-
-    def line(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return 1 - np.exp(-(((y - 0.25 * x - 0.2) / 0.012) ** 2))
-
-    def bend(pixels: np.ndarray) -> float:
-        columns = np.arange(20, pixels.shape[1] - 20)
-        dark = 255.0 - pixels[:, columns, 0]
-        rows = (dark * np.arange(len(pixels))[:, None]).sum(axis=0) / dark.sum(axis=0)
-        return float(np.abs(rows - np.polyval(np.polyfit(columns, rows, 1), columns)).max())
-
-    photo = _render(_OPENCV, line)
-    assert bend(photo) > 1.5
-    assert bend(compute_undistortion(_OPENCV, 10_000, field="x").apply(photo)) < 0.35
-
-
 @pytest.mark.parametrize("model", sorted(model_names().values()))
 def test_every_model_can_be_undistorted(model: str) -> None:
     params = pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.__members__[model], _F, _W, _H).params

@@ -1,7 +1,8 @@
-"""What the pixels, the pose and the matches of a photo say of it."""
+"""What the pixels, the pose and the matches of a photo say of it, also before it is posted."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -14,9 +15,12 @@ from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.photos.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
+from fastsplat.service.capture.uploads.photo_check import check_photos
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
+from tests.commands import invoke
 
 _SCENES = ("tabletop", "kitchen", "plush", "skull")
 
@@ -44,14 +48,6 @@ def test_real_photos_are_fine_and_those_that_shook_are_not(scene: str, test_data
     verdicts = _judged(changed)
     assert {name for name, verdict in verdicts.items() if "blurred" in verdict.defects} == {"03", "07"}
     assert "sharp" in verdicts["03"].advice and verdicts["03"].sharpness < 0.5
-
-
-def test_a_photo_in_the_dark_is_dark(test_data: Path) -> None:
-    photos = [_load(path) for path in sorted((test_data / "plush/images").glob("*.*"))[:6]]
-    qualities = [measure_photo(str(number), photo) for number, photo in enumerate(photos)]
-    qualities[2] = measure_photo("2", (photos[2] * 0.12).astype(np.uint8))
-    verdicts = _judged(qualities)
-    assert [name for name, verdict in verdicts.items() if "dark" in verdict.defects] == ["2"]
 
 
 def _pose(x: float) -> NDArray[np.float64]:
@@ -142,3 +138,47 @@ def test_a_capture_says_what_became_of_each_photo(test_data: Path, tmp_path: Pat
     assert (verdicts["000.jpg"].placed, verdicts["000.jpg"].defects, verdicts["000.jpg"].advice) == (True, (), "")
     assert (verdicts["000.jpg"].matches or 0) > 50
     assert load_capture(tmp_path / "out").report == report
+
+
+def _textured(seed: int, side: int = 900) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    picture = np.full((side, side, 3), 128, np.uint8)
+    for _ in range(500):
+        corner = random.integers(0, side, 2)
+        size = random.integers(5, 60, 2)
+        color = tuple(int(value) for value in random.integers(0, 255, 3))
+        cv2.rectangle(picture, corner.tolist(), (corner + size).tolist(), color, -1)
+    return picture
+
+
+def test_each_defect_is_named_and_the_folder_is_left_alone(tmp_path: Path) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    wall = _textured(0)
+    for number in range(5):
+        Image.fromarray(wall[100:500, 40 * number : 40 * number + 600]).save(photos / f"{number}.png")
+    blurred = cv2.GaussianBlur(wall[150:550, 30:630], (0, 0), 8)
+    Image.fromarray(blurred).save(photos / "blurred.png")
+    Image.fromarray((wall[120:520, 60:660] // 12).astype(np.uint8)).save(photos / "dark.png")
+    Image.fromarray(wall[100:500, 40:640]).save(photos / "same.png")
+    Image.fromarray(_textured(1)[:400, :600]).save(photos / "elsewhere.png")
+    before = sorted(path.name for path in photos.iterdir())
+    (tmp_path / "scratch").mkdir()
+    checked = check_photos(photos, tmp_path / "scratch", CaptureSettings())
+    found = {photo.name: photo for photo in checked.photos}
+    assert sorted(path.name for path in photos.iterdir()) == before
+    assert "blurred" in found["blurred.png"].defects and "dark" in found["dark.png"].defects
+    assert "duplicate" in {*found["same.png"].defects, *found["1.png"].defects}
+    assert found["elsewhere.png"].not_placed == "no_overlap"
+    for name in ("0.png", "2.png", "3.png", "4.png"):
+        assert found[name].not_placed is None and not found[name].defects and not found[name].advice
+    assert any("8 different photos are few" in sentence for sentence in checked.advice) and not checked.is_good
+    assert checked.size == (600, 400)
+    result = invoke("check", str(photos))
+    assert re.search(r"takes about \d+ (s|min) on this machine", result.stderr)
+    assert result.exit_code == 1 and "elsewhere.png: It shares nothing" in result.stdout
+
+
+def test_what_is_no_folder_of_photos_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError):
+        check_photos(tmp_path / "none", tmp_path, CaptureSettings())

@@ -1,4 +1,4 @@
-"""What is tried when COLMAP's own thresholds leave images without a place, or a wrong pair misleads the mapper."""
+"""How images get cameras: the first before others have features; and where thresholds or a wrong pair mislead."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pycolmap
 import pytest
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.sfm import model_agreement
+from fastsplat.service.capture.sfm import model_agreement, reconstruction
 from fastsplat.service.capture.sfm.mapping import (
     Mapping,
     Models,
@@ -19,6 +19,7 @@ from fastsplat.service.capture.sfm.mapping import (
     strongest_pairs,
     take_out_impossible,
 )
+from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
 from fastsplat.service.capture.sfm.model_agreement import (
     VerifiedMatches,
     choose_held_out,
@@ -26,6 +27,8 @@ from fastsplat.service.capture.sfm.model_agreement import (
     verified_matches,
     withhold,
 )
+from fastsplat.service.capture.sfm.pairs import choose_pairs
+from fastsplat.service.capture.sfm.reconstruction import FIRST_IMAGES, first_pairs, place_first
 from fastsplat.service.common.similarity import fit_similarity
 from tests.capture.synthetic_views import synthesize_views
 
@@ -35,9 +38,8 @@ _ALL_AT_ONCE, _ONE_BY_ONE = 2, 1_000
 def _mapping(folder: Path) -> Mapping:
     with pycolmap.Database.open(folder / "features.db") as reader:
         names = [image.name for image in reader.read_all_images()]
-    return Mapping(
-        folder / "features.db", folder, folder, [{"file": name} for name in names], lambda *_: None, lambda *_: None
-    )
+    images = [{"file": name} for name in names]
+    return Mapping(folder / "features.db", folder, folder, images, lambda *_: None, lambda *_: None)
 
 
 def _thin(database: Path, stays: Callable[[int, int, np.ndarray], np.ndarray]) -> None:
@@ -62,20 +64,16 @@ def test_an_image_with_few_matches_is_placed_where_the_first_mapping_leaves_it_o
     truth = synthesize_views(tmp_path / "features.db", 8)
     # The last image shares 22 points with one other, fewer than the 30 that COLMAP asks for.
     _thin(tmp_path / "features.db", lambda first, second, rows: rows if second < 8 else rows[: 22 * (first == 1)])
-    (tmp_path / "usual").mkdir()
-    usual = pycolmap.incremental_mapping(
-        tmp_path / "features.db", tmp_path, tmp_path / "usual", options=mapper_options()
-    )
+    database, models = tmp_path / "features.db", tmp_path / "usual"
+    models.mkdir()
+    usual = pycolmap.incremental_mapping(database, tmp_path, models, options=mapper_options())
     assert max(model.num_reg_images() for model in usual.values()) == 7
     reads: list[Path] = []
-    monkeypatch.setattr(
-        model_agreement, "verified_matches", lambda database: reads.append(database) or verified_matches(database)
-    )
+    monkeypatch.setattr(model_agreement, "verified_matches", lambda path: reads.append(path) or verified_matches(path))
     mapped = _mapping(tmp_path).run(_ONE_BY_ONE)
-    models = mapped.models
-    assert models[0].num_reg_images() == 8 and mapped.contradictions == (0, 7 * 6 // 2)
+    assert mapped.models[0].num_reg_images() == 8 and mapped.contradictions == (0, 7 * 6 // 2)
     assert reads == [tmp_path / "features.db"]  # once, however many models were compared
-    assert _largest_error(models, truth) < 0.01
+    assert _largest_error(mapped.models, truth) < 0.01
 
 
 def test_copies_of_a_photo_do_not_take_the_matching_that_would_join_it() -> None:
@@ -124,9 +122,8 @@ def test_held_out_matches_tell_a_wrong_pose(tmp_path: Path) -> None:
     total = sum(len(rows) for rows in held_out.values())
     assert VerifiedMatches(database).explained(truth, held_out) == total > 50
     give_back(database, held_out)
-    assert {pair: len(rows) for pair, rows in verified_matches(database).items()} == {
-        pair: len(rows) for pair, rows in before.items()
-    }
+    again = verified_matches(database)
+    assert again.keys() == before.keys() and all(len(again[pair]) == len(before[pair]) for pair in before)
     frame = truth.images[1].frame
     assert frame is not None and frame.rig_from_world is not None
     shifted = np.array(frame.rig_from_world.matrix())
@@ -212,3 +209,55 @@ def test_an_impossible_camera_leaves_with_its_observations_and_no_other(tmp_path
     assert model.num_points3D() > 50 and spoiled.image_id not in seen_by
     assert all(point.track.length() >= 2 for point in model.points3D.values())
     assert take_out_impossible([model], 1600) == {}
+
+
+_REQUEST = {"sfm_max_side": 400, "sfm_features": 10, "sfm_threads": 1, "min_registered_share": 0.2}
+
+
+def _features(database: Path) -> dict[str, str]:
+    """The names of as many images as are looked at first."""
+    truth = synthesize_views(database, FIRST_IMAGES)
+    return {image.name: f"{image.name}.jpg" for image in truth.images.values()}
+
+
+def test_the_first_images_get_cameras_by_the_matches_so_far(tmp_path: Path) -> None:
+    names = _features(tmp_path / "features.db")
+    assert place_first(tmp_path / "features.db", tmp_path, tmp_path)
+    placed = take_placed(tmp_path, names, 30)
+    assert placed is not None and not placed.complete
+    assert (placed.placed, placed.images) == (FIRST_IMAGES, 30)
+    assert {camera.name for camera in placed.cameras} == set(names.values()) and len(placed.points) > 100
+
+
+def test_images_without_matches_leave_nothing(tmp_path: Path) -> None:
+    names = _features(tmp_path / "features.db")
+    with pycolmap.Database.open(tmp_path / "features.db") as editor:
+        editor.clear_two_view_geometries()
+    assert not place_first(tmp_path / "features.db", tmp_path, tmp_path)
+    assert take_placed(tmp_path, names, 30) is None
+
+
+@pytest.mark.parametrize("images", [2 * FIRST_IMAGES - 1, 2 * FIRST_IMAGES])
+@pytest.mark.parametrize("alone", [False, True])
+def test_they_are_placed_once_their_own_features_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, images: int, alone: bool
+) -> None:
+    files, done = [f"{number}.png" for number in range(images)], list[str]()
+    every = [(i, j) for i in range(images) for j in range(i + 1, images)]
+    monkeypatch.setattr(reconstruction, "extract_features", lambda *_: done.append("features"))
+    monkeypatch.setattr(reconstruction, "_match", lambda _, names, *__: done.append(f"match {len(names)}"))
+    monkeypatch.setattr(reconstruction, "place_first", lambda *_: bool(done.append("place")) or True)
+    monkeypatch.setattr(reconstruction, "_choose_pairs", lambda *_: every)
+    heard: list[str] = []
+    reconstruction.extract_and_match(
+        tmp_path, tmp_path, files, _REQUEST, tmp_path, lambda _, message: heard.append(message), alone=alone
+    )
+    first = ["features", f"match {len(first_pairs())}", "place"] if alone and images >= 2 * FIRST_IMAGES else []
+    assert done == [*first, *["features"] * (2 - bool(first)), f"match {len(every)}"]
+    assert ("the first images have cameras" in heard) == bool(first)
+
+
+@pytest.mark.parametrize("exhaustive", [0, 100])
+def test_their_pairs_are_matched_in_any_capture(exhaustive: int) -> None:
+    chosen = choose_pairs(np.zeros((30, 30), np.int32), exhaustive_images=exhaustive, pairs_per_image=3, ordered=False)
+    assert set(first_pairs()) <= set(chosen)

@@ -170,14 +170,6 @@ def test_the_same_photos_give_the_same_capture(tabletop, test_data: Path, tmp_pa
         np.testing.assert_array_equal(first.posed.world_from_camera, second.posed.world_from_camera)
 
 
-def test_two_images_of_different_scenes(test_data: Path, tmp_path: Path, settings, refused) -> None:
-    folder = _photos(test_data, tmp_path / "upload", [0])
-    shutil.copy(test_data / "kitchen/images/05.jpg", folder / "images")
-    validate_upload(folder, settings)
-    with refused(ReconstructionError):
-        build_capture(folder, tmp_path / "out", settings, silent)
-
-
 def test_blank_images(upload, settings, refused) -> None:
     blank = encoded(Image.new("RGB", (320, 240), (200, 200, 200)))
     folder = upload({"a.png": blank, "b.png": blank})

@@ -25,8 +25,9 @@ _SIZE = (64, 48)
 _POINTS = points_file((0, 0, 1), (1, 2, 3))
 
 
-def _document(**changes: Any) -> dict[str, Any]:
-    frames = frames_of(f"images/{i}.jpg" for i in range(3))
+def _document(frame: dict[str, Any] | None = None, **changes: Any) -> dict[str, Any]:
+    """Of three frames that all have the values of `frame`."""
+    frames = [entry | (frame or {}) for entry in frames_of(f"images/{i}.jpg" for i in range(3))]
     return {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 61.0, "cx": 31.0, "cy": 25.0, "frames": frames, **changes}
 
 
@@ -44,11 +45,8 @@ def test_axes(send, settings) -> None:
     """A camera at (1, 2, 3) that looks along world -z with y up: OpenGL's identity."""
     pose = np.eye(4)
     pose[:3, 3] = 1, 2, 3
-    opengl, opencv = _document(), _document(convention="opencv")
-    for frame in opengl["frames"]:
-        frame["transform_matrix"] = pose.tolist()
-    for frame in opencv["frames"]:
-        frame["transform_matrix"] = (pose @ np.diag([1, -1, -1, 1])).tolist()
+    opengl = _document({"transform_matrix": pose.tolist()})
+    opencv = _document({"transform_matrix": (pose @ np.diag([1, -1, -1, 1])).tolist()}, convention="opencv")
     for document in (opengl, opencv):
         for view in captured(send(document), settings).views:
             x, y, z = view.posed.camera_from_world() @ [1.5, 2.5, 1.0, 1.0] @ np.eye(4)[:, :3]
@@ -220,12 +218,9 @@ def test_too_few_images_present(missing: int, share: float, usable: bool, send, 
     else:
         with refused(InvalidInputError, f"{missing} of {3 + missing} frames", "0.jpg", "a share of"):
             validate_upload(folder, limited)
-
-
-def test_no_image_present(send, settings, refused) -> None:
-    folder = send(_document(frames=frames_of(["lost.jpg"])))
+    none = send(_document(frames=frames_of(["lost.jpg"])))
     with refused(InvalidInputError, "1 of 1", "lost.jpg"):
-        validate_upload(folder, settings.model_copy(update={"min_frames_present": 0.0}))
+        validate_upload(none, settings.model_copy(update={"min_frames_present": 0.0}))
 
 
 def test_a_document_beside_the_images_folder(upload, photo, settings) -> None:
@@ -251,21 +246,13 @@ def test_images_that_are_masked_entirely_are_left_out(send, settings) -> None:
 
 
 def test_masks_that_leave_nothing_are_refused(send, settings, refused) -> None:
-    document = _document()
-    for frame in document["frames"]:
-        frame["mask_path"] = "m.png"
-    folder = send(document, **{"m.png": encoded(np.zeros((48, 64), np.uint8))})
+    """Or leave nothing once images are smaller."""
+    mask, small = np.zeros((48, 64), np.uint8), settings.model_copy(update={"max_side": 16})
+    folder = send(_document({"mask_path": "m.png"}), **{"m.png": encoded(mask)})
     with refused(InvalidInputError, "masks", "0 everywhere"):
         validate_upload(folder, settings)
-
-
-def test_masks_of_which_nothing_is_left_in_smaller_images(send, settings, refused) -> None:
-    mask = np.zeros((48, 64), np.uint8)
     mask[0, 0] = 255
-    document = _document()
-    for frame in document["frames"]:
-        frame["mask_path"] = "m.png"
-    folder, small = send(document, **{"m.png": encoded(mask)}), settings.model_copy(update={"max_side": 16})
+    (folder / "m.png").write_bytes(encoded(mask))
     validate_upload(folder, small)
     with refused(ReconstructionError, "mask"):
         build_capture(folder, folder.parent / "out", small, silent)

@@ -24,9 +24,8 @@ _LATITUDE, _LONGITUDE = 47.0, 8.0
 def _places(meters: np.ndarray, accuracy_m: float | None) -> list[PhotoPlace]:
     """At east and north in meters, by the length of a degree there (World Geodetic System 1984, tabulated)."""
     north, east = meters[:, 1] / 111_170.0, meters[:, 0] / 76_055.0
-    return [
-        PhotoPlace(_LATITUDE + float(n), _LONGITUDE + float(e), accuracy_m) for n, e in zip(north, east, strict=True)
-    ]
+    degrees = zip((_LATITUDE + north).tolist(), (_LONGITUDE + east).tolist(), strict=True)
+    return [PhotoPlace(latitude, longitude, accuracy_m) for latitude, longitude in degrees]
 
 
 def _walk(
@@ -69,10 +68,8 @@ def test_places_that_are_far_off_are_left_out() -> None:
 
 def test_without_a_stated_accuracy_one_is_assumed() -> None:
     photos = _walk(np.random.default_rng(1), 40, 80.0, 1.0, stated=False)
-    assumed, exact = (
-        estimate_gps_scale(photos)[0],
-        estimate_gps_scale(_walk(np.random.default_rng(1), 40, 80.0, 1.0))[0],
-    )
+    exact = estimate_gps_scale(_walk(np.random.default_rng(1), 40, 80.0, 1.0))[0]
+    assumed = estimate_gps_scale(photos)[0]
     assert assumed is not None and exact is not None and assumed.relative_error_95 > 3 * exact.relative_error_95
     _, reason = estimate_gps_scale(_walk(np.random.default_rng(1), 40, 10.0, 1.0, stated=False))
     assert "5 m, which is assumed" in reason
@@ -137,10 +134,8 @@ def test_a_capture_becomes_metric() -> None:
 
 def test_tags_and_places_are_combined() -> None:
     """In a scene that tags have made metric: the surer one leads, and both together are surer."""
-    photos = [
-        replace(photo, center=photo.center * _METERS_PER_UNIT)
-        for photo in _walk(np.random.default_rng(3), 40, 80.0, 4.0)
-    ]
+    walk = _walk(np.random.default_rng(3), 40, 80.0, 4.0)
+    photos = [replace(photo, center=photo.center * _METERS_PER_UNIT) for photo in walk]
     tags = ScaleEstimate("tags", 12.0, 0.01)
     capture = with_gps(_capture(photos, scale=tags), [photo.place for photo in photos])
     scale = capture.report.scale
@@ -148,8 +143,6 @@ def test_tags_and_places_are_combined() -> None:
     assert abs(scale.meters_per_unit / 12.0 - 1) < 0.01
     surer = combined_estimate(ScaleEstimate("tags", 1.0, 0.05), ScaleEstimate("gps", 1.02, 0.02))
     assert surer.source == "gps+tags" and 1.01 < surer.meters_per_unit < 1.02 and surer.relative_error_95 < 0.02
-    apart = combined_estimate(ScaleEstimate("tags", 1.0, 0.01), ScaleEstimate("gps", 1.2, 0.02))
-    assert apart.relative_error_95 > 0.02, "they contradict each other"
 
 
 def test_a_second_estimate_is_of_the_world_that_the_first_has_scaled() -> None:
@@ -165,9 +158,8 @@ def test_a_second_estimate_is_of_the_world_that_the_first_has_scaled() -> None:
 
 def test_contradicting_estimates_widen_the_interval_as_known_lengths_do() -> None:
     apart = combined_estimate(ScaleEstimate("tags", 1.0, 0.01), ScaleEstimate("gps", 1.2, 0.02))
-    lengths = combined(
-        [ScaledLength(1.0, error / NORMAL_95, meters, 0.0) for error, meters in ((0.01, 1), (0.02, 1.2))]
-    )
+    known = [ScaledLength(1.0, error / NORMAL_95, meters, 0.0) for error, meters in ((0.01, 1), (0.02, 1.2))]
+    lengths = combined(known)
     assert apart.meters_per_unit == pytest.approx(lengths.meters_per_unit)
     assert apart.relative_error_95 == pytest.approx(NORMAL_95 * lengths.deviation)
 

@@ -100,28 +100,25 @@ def _disturbed(posed: PosedCamera, rng: np.random.Generator) -> PosedCamera:
     return replace(posed, world_from_camera=pose)
 
 
+def _with_moved(sightings: list[TagSighting], tags: list[int]) -> list[TagSighting]:
+    """These tags lie elsewhere in every second view."""
+    corners = [_project(posed, _tag_corners(0.0, -0.4)) for posed in _cameras()]
+    moved = [sight.tag in tags and sight.view % 2 for sight in sightings]
+    pairs = zip(sightings, moved, strict=True)
+    return [replace(sight, corners=corners[sight.view]) if elsewhere else sight for sight, elsewhere in pairs]
+
+
 def test_too_few_views_contradicting_ones_and_none_state_no_scale() -> None:
     cameras, sightings = _cameras(), _sightings(_cameras())
     assert estimate_scale([], cameras, _SIDE_M) is None
     assert estimate_scale([sight for sight in sightings if sight.view < 2], cameras, _SIDE_M) is None
-    moved = [
-        replace(sight, corners=_project(cameras[sight.view], _tag_corners(0.0, -0.4))) if sight.view % 2 else sight
-        for sight in sightings
-    ]
-    assert estimate_scale(moved, cameras, _SIDE_M) is None
+    assert estimate_scale(_with_moved(sightings, [*_TAGS]), cameras, _SIDE_M) is None
     still = [cameras[0]] * 8
     assert estimate_scale(_sightings(still, 0.3), still, _SIDE_M) is None  # all from one place
 
 
 def test_a_tag_that_moved_is_left_out_and_the_others_still_tell() -> None:
-    cameras = _cameras()
-    sightings = [
-        replace(sight, corners=_project(cameras[sight.view], _tag_corners(0.0, -0.4)))
-        if sight.tag == 561 and sight.view % 2
-        else sight
-        for sight in _sightings(cameras)
-    ]
-    estimate = estimate_scale(sightings, cameras, _SIDE_M)
+    estimate = estimate_scale(_with_moved(_sightings(_cameras()), [561]), _cameras(), _SIDE_M)
     assert estimate is not None and estimate.meters_per_unit == pytest.approx(_UNIT_M, rel=1e-9)
 
 
