@@ -9,13 +9,7 @@ import typer
 from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.session import Session
 from fastsplat.cli.tables import duration, facts, minute, size
-from fastsplat_contract.server.server_status import (
-    ModelStatus,
-    QuotaStatus,
-    ServerHealth,
-    ServerStatus,
-    WorkerHealth,
-)
+from fastsplat_contract.server.server_status import ModelStatus, QuotaStatus, ServerHealth, ServerStatus, WorkerHealth
 
 if TYPE_CHECKING:
     from fastsplat.service.settings import Settings

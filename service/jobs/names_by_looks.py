@@ -10,13 +10,7 @@ from fastsplat.service.common.logistic import logistic
 from fastsplat.service.instances.naming.naming import NAMED_FROM
 from fastsplat.service.instances.naming.second_look import add_names
 from fastsplat.service.query.language.meaning.common_objects import all_common_objects, common_objects
-from fastsplat.service.query.phrases.object_looks import (
-    LooksModel,
-    log_odds,
-    logit,
-    seen_by,
-    softmax_weights,
-)
+from fastsplat.service.query.phrases.object_looks import LooksModel, log_odds, logit, seen_by, softmax_weights
 from fastsplat.service.scene.artefact.scene import Objects
 from fastsplat.service.scene.artefact.suggestions import MOST_SUGGESTED
 

@@ -15,14 +15,7 @@ _EPS = 1e-15  # added to the root of `exp_avg_sq`
 
 @torch.no_grad()
 def adam_update(
-    param: Tensor,
-    grad: Tensor,
-    exp_avg: Tensor,
-    exp_avg_sq: Tensor,
-    *,
-    lr: float,
-    step: int,
-    backend: Backend = "cpu",
+    param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, *, lr: float, step: int, backend: Backend = "cpu"
 ) -> None:
     """Performs one in-place Adam step (Kingma & Ba 2015), as `torch.optim.Adam`.
 

@@ -21,11 +21,7 @@ class OwlViT(TokenPrompted):
     `logits` [1, A, N], `pred_boxes` [1, A, 4] (the whole image = 1). A score is σ(logit).
     """
 
-    inputs: ClassVar = {
-        "input_ids": (None, None),
-        "pixel_values": (1, 3, None, None),
-        "attention_mask": (None, None),
-    }
+    inputs: ClassVar = {"input_ids": (None, None), "pixel_values": (1, 3, None, None), "attention_mask": (None, None)}
     side, max_tokens = 768, 16
     statistics = np.array([[0.48145466, 0.4578275, 0.40821073], [0.26862954, 0.26130258, 0.27577711]], np.float32)
 

@@ -109,11 +109,7 @@ class Requirement:
         gain = GAIN_OF_DOUBLING / max(self._state.iteration, FEWEST_STEPS)  # by the mean curve of captures
         if enough := self._is_enough():
             gain = 0.0 if self._measured[-1][-1] >= _ALIKE_DB else max(0.0, self._last_doubling_db())
-        return {
-            "enough": float(enough),
-            "tolerance_db": self._settings.tolerance_db,
-            "next_doubling_db": gain,
-        }
+        return {"enough": float(enough), "tolerance_db": self._settings.tolerance_db, "next_doubling_db": gain}
 
     def _prune(self, least_db: float) -> None:
         views = [(view.viewmat, view.frames[0].camera) for view in self._views]

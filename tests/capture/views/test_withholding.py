@@ -10,7 +10,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pycolmap
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
@@ -28,7 +27,6 @@ from fastsplat.service.capture.photos.panorama import full_frame, panorama_faces
 from fastsplat.service.capture.photos.scene_photos import photo_path, write_photos
 from fastsplat.service.capture.photos.video import middle_per_interval
 from fastsplat.service.capture.photos.withholding import BLANK, WithheldPixels, Withholding
-from fastsplat.service.capture.sfm.features import extract_features
 from fastsplat.service.capture.sfm.sfm_images import SfmImage, upright_photos
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.sandbox import Task, run_sandboxed
@@ -133,34 +131,6 @@ def test_what_is_only_left_out_trains_nothing_but_stays_in_the_photo(test_data: 
     assert _splat(red) != _splat(noise)  # by the pixels that structural similarity and smaller sizes mix in
     difference = [np.abs(np.load(io.BytesIO(_splat(capture)))["means"]).mean() for capture in (red, noise)]
     assert difference[0] == pytest.approx(difference[1], rel=0.02)
-
-
-def test_features_lie_outside_of_what_is_withheld(test_data: Path, tmp_path: Path) -> None:
-    images, masks = tmp_path / "images", tmp_path / "masks"
-    images.mkdir(), masks.mkdir()
-    (images / "a.jpg").write_bytes((test_data / "tabletop/images/000.jpg").read_bytes())
-    (images / "b.jpg").write_bytes((test_data / "tabletop/images/001.jpg").read_bytes())
-    usable = np.full((360, 480), 255, np.uint8)
-    usable[100:300, 100:380] = 0
-    Image.fromarray(usable).save(masks / "a.jpg.png")  # b has none
-
-    def keypoints(name: str, folder: Path | None) -> dict[str, NDArray[np.float64]]:
-        database = tmp_path / f"{name}.db"
-        pycolmap.Database.open(database).close()
-        options = pycolmap.FeatureExtractionOptions()
-        options.num_threads = 1
-        extract_features(database, images, ["a.jpg", "b.jpg"], folder, options, 1)
-        with pycolmap.Database.open(database) as reader:
-            rows = reader.read_all_images()
-            return {row.name: np.asarray(reader.read_keypoints(row.image_id))[:, :2] for row in rows}
-
-    def inside(points: NDArray[np.float64]) -> int:
-        column, row = points.astype(int).T
-        return int((usable[row.clip(0, 359), column.clip(0, 479)] == 0).sum())
-
-    everywhere, masked = keypoints("all", None), keypoints("masked", masks)
-    assert inside(everywhere["a.jpg"]) > 50 and inside(masked["a.jpg"]) == 0 and len(masked["a.jpg"]) > 20
-    assert len(masked["b.jpg"]) == len(everywhere["b.jpg"])
 
 
 @pytest.mark.parametrize("shrink", [0.25, 1.0, 2.0])
