@@ -13,7 +13,6 @@ from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.scene.artefact.scene import CodeSemantics
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
 from fastsplat.service.splatting.results import TrainedSplats
@@ -41,8 +40,7 @@ def labelling_of(room: Room) -> Labelling:
 def classes_of(trained: TrainedSplats) -> np.ndarray:
     """The label of each Gaussian, 0 for none."""
     if trained.evidence is None:
-        semantics = CodeSemantics(trained.gaussians.codes, trained.head)
-        logits: np.ndarray = semantics.codes @ semantics.head.weight.T + semantics.head.bias
+        logits: np.ndarray = trained.gaussians.codes @ trained.head.weight.T + trained.head.bias
         return logits.argmax(axis=1)
     dense = np.zeros((len(trained.evidence), len(NAMES) + 1))
     rows = np.repeat(np.arange(len(trained.evidence)), np.diff(trained.evidence.starts))

@@ -41,7 +41,7 @@ def server(models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setenv("FASTSPLAT_JOBS__NICENESS", "0")  # on a busy machine a nice trainer would never end
     # A scene that has a banana, and no more: what a preset costs is told by benchmarks.
     monkeypatch.setenv("FASTSPLAT_TRAINING", '{"iterations": 300, "time_budget_s": null, "max_side": 320}')
-    monkeypatch.setenv("FASTSPLAT_PERCEPTION", '{"max_views": 6, "proposal_views": 3}')
+    monkeypatch.setenv("FASTSPLAT_PERCEPTION", '{"max_views": 8, "proposal_views": 3}')
     port, grpc_port = free_ports(2)
     with running_service(
         data_dir=tmp_path / "data", models=models_dir, log=tmp_path / "service.log", http_port=port, grpc_port=grpc_port
