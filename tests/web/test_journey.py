@@ -124,6 +124,7 @@ def _make_own(visit: Visit, client: Client, folder: Path) -> None:
     expect(page.get_by_role("heading", name="Ask")).to_be_visible(timeout=_TRAINED_MS)
     (new_scene,) = [scene for scene in client.scenes() if scene.name == "my table"]
     assert client.wait(new_scene.operation_id).state == "SUCCEEDED" and client.scene(new_scene.id).state == "READY"
+    visit.expected.append(f"{new_scene.id}:render")  # the draft may go while a picture of it is on its way
     expect(page.locator(".draft-note")).to_have_count(0)
     _ask(page, "banana")
     expect(page.locator(".verdict.here")).to_be_visible()
