@@ -43,7 +43,7 @@ def settings(tmp_path: Path, models_dir: Path) -> Settings:
 
 def _photos(test_data: Path, folder: Path) -> Path:
     color = np.broadcast_to(np.array(color_detector.COLOR, np.uint8), (*_SIZE[::-1], 3))
-    return _upload(test_data / "tabletop", folder, lambda view: color)
+    return _upload(test_data / "tabletop", folder, lambda pixels, number: color)
 
 
 def _sent_files(settings: Settings) -> list[Path]:
