@@ -111,22 +111,22 @@ def test_a_word_is_looked_for_once_models_for_it_are_used(
     assert _outcome(client, _trained(client, photos)) == "cannot_say"
 
 
-def test_a_worker_leaves_jobs_whose_models_it_lacks_and_a_job_keeps_its_own(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    deployment = Deployment(tmp_path, "")
+def test_a_worker_leaves_jobs_whose_models_it_lacks_and_a_job_keeps_its_own(tmp_path: Path) -> None:
+    deployment, log = Deployment(tmp_path, ""), tmp_path / "worker.log"
     try:
         models = deployment.service._store.models
-        worker = deployment.start_worker()
+        logger = "logging.getLogger('fastsplat.workers.engine.worker')"
+        logs = f"import logging\n{logger}.addHandler(logging.FileHandler({str(log)!r}))\n"
+        worker = deployment.start_worker(code=logs)
         running = deployment.post("training:sleep 2")
         deployment.wait_in("training", running)
         models.choose(_CHOICE)
         left = deployment.post()
         assert deployment.wait_over(running).state == "SUCCEEDED"
-        deployment.wait_for(lambda: "grounding_dino:elsewhere" in capfd.readouterr().err)
+        deployment.wait_for(lambda: "grounding_dino:elsewhere" in log.read_text())
         assert deployment.state(left) == "QUEUED"
         models.choose({})
         assert deployment.wait_over(left).state == "SUCCEEDED" and worker.poll() is None
-        assert "are left to other workers" not in capfd.readouterr().err  # it was said once
+        assert log.read_text().count("are left to other workers") == 1
     finally:
         deployment.close()
