@@ -103,8 +103,7 @@ def test_a_word_is_looked_for_once_models_for_it_are_used(
     found = client.wait(client.look_again(before, WORD).id)
     assert found.state == "SUCCEEDED", found.error
     after = _trained(client, photos, WORD)
-    # By an order it is looked for closely; a detector without a calibration suggests no more.
-    assert [_outcome(client, scene_id) for scene_id in (before, after)] == ["here", "probably_here"]
+    assert [_outcome(client, scene_id) for scene_id in (before, after)] == ["here", "probably_here"]  # uncalibrated
     assert invoke("models", "use", "default").exit_code == 0
     with pytest.raises(InvalidInputError):
         client.create_scene(photos, options=SceneOptions(labels=(WORD,)))
