@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.networks import write_network
+from tests.networks import EXTENT, write_network
 
 ADAPTER = "picodet:magenta"  # as the settings name it
 
@@ -22,20 +22,8 @@ magenta (float[1,3,416,416] image, float[1,2] scale_factor) => (float[1,6] rows)
   dark = Less(green, low)
   both = And(bright, vivid)
   mask = And(both, dark)
-  numbers = Cast<to = 1>(mask)
-  plane = Squeeze(numbers, channels)
-  columns = ReduceMax<axes = [1], keepdims = 0>(plane)
-  lines = ReduceMax<axes = [2], keepdims = 0>(plane)
-  any = ReduceMax<axes = [1], keepdims = 1>(columns)
-  score = Mul(any, sure)
-  left = ArgMax<axis = 1, keepdims = 1>(columns)
-  right = ArgMax<axis = 1, keepdims = 1, select_last_index = 1>(columns)
-  top = ArgMax<axis = 1, keepdims = 1>(lines)
-  bottom = ArgMax<axis = 1, keepdims = 1, select_last_index = 1>(lines)
-  x1 = Cast<to = 1>(left)
-  x2 = Cast<to = 1>(right)
-  y1 = Cast<to = 1>(top)
-  y2 = Cast<to = 1>(bottom)
+EXTENT
+  score = Mul(most, sure)
   x2_end = Add(x2, one)
   y2_end = Add(y2, one)
   y_scale, x_scale = Split<axis = 1>(scale_factor, pair)
@@ -50,4 +38,4 @@ magenta (float[1,3,416,416] image, float[1,2] scale_factor) => (float[1,6] rows)
 
 def write_color_detector(models: Path) -> None:
     """Put the model into the folder `magenta` of a model directory."""
-    write_network(models / "magenta" / "network.onnx", _NETWORK)
+    write_network(models / "magenta" / "network.onnx", _NETWORK.replace("EXTENT", EXTENT))

@@ -19,7 +19,7 @@ from tokenizers.models import WordLevel
 from tokenizers.pre_tokenizers import Whitespace
 
 from tests.looks_model import write_looks_model
-from tests.networks import write_network
+from tests.networks import EXTENT, write_network
 
 FIRST, SECOND = "1" * 40, "2" * 40
 WORD = "lava lamp"
@@ -29,7 +29,7 @@ WORD = "lava lamp"
 _DETECTOR = """
 dino (float[1,3,800,800] pixel_values, int64[1,800,800] pixel_mask, int64[1,T] input_ids, int64[1,T] token_type_ids,
       int64[1,T] attention_mask) => (float[1,2,256] logits, float[1,2,4] pred_boxes)
-<int64[3] sizes = {1, 1, 1}, float redder = {1.3}, float bluer = {0.5}, int64[1] axis = {1}, float none = {0.0},
+<int64[3] sizes = {1, 1, 1}, float redder = {1.3}, float bluer = {0.5}, int64[1] channels = {1}, float none = {0.0},
  float twice = {1600.0}, float side = {800.0},
  bool[1,1,1] always = {1}, float[1,1,4] sign = {0.5, 0.36, 0.46, 0.46}, int64[1,2,1] firsts = {1, 3},
  int64[1,2,1] seconds = {2, 4}, float high = {4.0}, float low = {-4.0}, int64[5] no_pads = {0, 0, 0, 0, 0},
@@ -40,20 +40,8 @@ dino (float[1,3,800,800] pixel_values, int64[1,800,800] pixel_mask, int64[1,T] i
   over_blue = Sub(green, blue)
   vivid = Greater(over_red, redder)
   cold = Greater(over_blue, bluer)
-  both = And(vivid, cold)
-  numbers = Cast<to = 1>(both)
-  plane = Squeeze(numbers, axis)
-  columns = ReduceMax<axes = [1], keepdims = 0>(plane)
-  lines = ReduceMax<axes = [2], keepdims = 0>(plane)
-  most = ReduceMax<axes = [1], keepdims = 1>(columns)
-  left = ArgMax<axis = 1, keepdims = 1>(columns)
-  right = ArgMax<axis = 1, keepdims = 1, select_last_index = 1>(columns)
-  top = ArgMax<axis = 1, keepdims = 1>(lines)
-  bottom = ArgMax<axis = 1, keepdims = 1, select_last_index = 1>(lines)
-  x1 = Cast<to = 1>(left)
-  x2 = Cast<to = 1>(right)
-  y1 = Cast<to = 1>(top)
-  y2 = Cast<to = 1>(bottom)
+  mask = And(vivid, cold)
+EXTENT
   x = Add(x1, x2)
   y = Add(y1, y2)
   middle_x = Div(x, twice)
@@ -63,12 +51,12 @@ dino (float[1,3,800,800] pixel_values, int64[1,800,800] pixel_mask, int64[1,T] i
   share_x = Div(wide, side)
   share_y = Div(tall, side)
   found = Concat<axis = 1>(middle_x, middle_y, share_x, share_y)
-  box = Unsqueeze(found, axis)
+  box = Unsqueeze(found, channels)
   pred_boxes = Concat<axis = 1>(box, sign)
   is_there = Greater(most, none)
-  there = Unsqueeze(is_there, axis)
+  there = Unsqueeze(is_there, channels)
   may = Concat<axis = 1>(there, always)
-  ids = Unsqueeze(input_ids, axis)
+  ids = Unsqueeze(input_ids, channels)
   is_first = Equal(ids, firsts)
   is_second = Equal(ids, seconds)
   is_named = Or(is_first, is_second)
@@ -144,7 +132,7 @@ def serving_hub(hub: Hub) -> Iterator[str]:
 def planted_hub(folder: Path) -> tuple[Hub, Path]:
     """A hub with an open-set detector and an image-text model of planted answers, and a manifest of their set."""
     write_looks_model(folder, {"stop": (-1.0, 1.0, 1.0), "soup": (1.0, -1.0, -1.0)})
-    write_network(folder / "finder" / "model.onnx", _DETECTOR)
+    write_network(folder / "finder" / "model.onnx", _DETECTOR.replace("EXTENT", EXTENT))
     words = {word: number for number, word in enumerate(["[UNK]", *WORD.split(), "stop", "sign"])}
     tokenizer = Tokenizer(WordLevel(words, unk_token="[UNK]"))
     tokenizer.pre_tokenizer = Whitespace()

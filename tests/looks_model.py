@@ -107,11 +107,11 @@ def write_knowing_model(models: Path, colors: Mapping[str, tuple[int, int, int]]
     model, features, texts = open_image_text(PerceptionSettings(image_text="clip:untaught"), models), [], list[str]()
     for room in drawn_rooms():
         for object_id, sights in best_sights(enumerate(ids for _, ids in room.views), room.labels).items():
-            features += [model.embed(room.views[sight.view][0], sight.mask) for sight in sights]
+            features += [model.embed(room.views[sight.view][0], [sight.mask])[0] for sight in sights]
             texts += [room.labels[object_id]] * len(sights)
     for text, color in colors.items():
         picture = np.full((32, 32, 3), color, np.uint8)
-        features += [model.embed(picture, np.ones((32, 32), np.bool_))] * 100
+        features += [*model.embed(picture, [np.ones((32, 32), np.bool_)])] * 100
         texts += [text] * 100
     rows = np.stack(features).astype(np.float64)
     codes = np.linalg.solve(rows.T @ rows + 1e-3 * np.eye(1024), rows.T @ model.encode(texts))

@@ -10,6 +10,23 @@ import onnx.parser
 from numpy.typing import NDArray
 from onnx import numpy_helper
 
+EXTENT = """
+  numbers = Cast<to = 1>(mask)
+  plane = Squeeze(numbers, channels)
+  columns = ReduceMax<axes = [1], keepdims = 0>(plane)
+  lines = ReduceMax<axes = [2], keepdims = 0>(plane)
+  most = ReduceMax<axes = [1], keepdims = 1>(columns)
+  left = ArgMax<axis = 1, keepdims = 1>(columns)
+  right = ArgMax<axis = 1, keepdims = 1, select_last_index = 1>(columns)
+  top = ArgMax<axis = 1, keepdims = 1>(lines)
+  bottom = ArgMax<axis = 1, keepdims = 1, select_last_index = 1>(lines)
+  x1 = Cast<to = 1>(left)
+  x2 = Cast<to = 1>(right)
+  y1 = Cast<to = 1>(top)
+  y2 = Cast<to = 1>(bottom)
+"""
+"""Of a `mask` [1, 1, H, W], with `channels` = {1}: `most`, 1 if anything is true, and its x1, x2, y1, y2."""
+
 
 def write_network(path: Path, text: str, **arrays: NDArray[np.float32]) -> Path:
     """Compiles the text form, with arrays that it names, checked by ONNX's own checker; the file's folder is made."""

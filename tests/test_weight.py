@@ -20,36 +20,36 @@ ROOT = Path(__file__).parent.parent
 
 ROWS: Mapping[str, tuple[int, int]] = {
     "api": (6262, 11462),
-    "application": (6968, 3158),
+    "application": (6970, 3158),
     "benchmarks": (0, 2868),
     "capture": (11160, 6645),
     "cli": (3686, 1969),
     "client": (8845, 1748),
-    "common": (1263, 655),
+    "common": (1266, 655),
     "demo": (0, 166),
     "docker": (0, 206),
     "docs": (0, 811),
     "fastsplat": (31, 0),
-    "instances": (2304, 1894),
+    "instances": (2310, 1894),
     "interop": (0, 543),
-    "jobs": (1406, 411),
+    "jobs": (1408, 411),
     "library": (475, 352),
     "localization": (1766, 616),
-    "perception": (5362, 3125),
+    "perception": (5340, 3125),
     "planning": (807, 460),
-    "query": (12057, 7410),
+    "query": (12062, 7410),
     "release": (0, 101),
-    "scene": (3333, 1497),
+    "scene": (3334, 1497),
     "service": (372, 0),
     "splat_import": (642, 319),
-    "splatting": (5612, 4734),
-    "store": (4464, 1825),
-    "tests": (0, 2026),
+    "splatting": (5611, 4734),
+    "store": (4463, 1828),
+    "tests": (0, 2019),
     "web": (0, 4350),
-    "workers": (2438, 3578),
+    "workers": (2439, 3578),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 79253, "tests": 62929, "page": 15911, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 79249, "tests": 62925, "page": 15911, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")

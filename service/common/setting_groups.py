@@ -12,6 +12,9 @@ from pydantic.fields import FieldInfo
 
 from fastsplat_contract.errors import InvalidInputError
 
+ModelChoice = Mapping[str, Mapping[str, Any]]
+"""By role, the model that is used unless a setting names one: "name" as in a setting, "sha256" by file."""
+
 ENV_PREFIX = "FASTSPLAT_"
 ENV_DELIMITER = "__"
 OTHER_VARIABLES = frozenset(

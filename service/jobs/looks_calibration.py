@@ -16,9 +16,9 @@ from scipy.optimize import minimize, minimize_scalar
 from fastsplat.service.common.logistic import logistic
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
 from fastsplat.service.instances.naming.naming import NAMED_FROM
-from fastsplat.service.instances.naming.object_appearances import best_sights, pooled_embedding
+from fastsplat.service.instances.naming.object_appearances import best_sights, pooled_embedding, sights_by_view
 from fastsplat.service.jobs.looks_rooms import LabeledRoom, drawn_rooms
-from fastsplat.service.perception.image_text import ClipImageText
+from fastsplat.service.perception.image_text import F32, ClipImageText
 from fastsplat.service.query.language.meaning.common_objects import all_common_objects, common_objects_digest
 from fastsplat.service.query.language.meaning.probability import Logistic
 from fastsplat.service.query.objects.absence import RATHER
@@ -102,15 +102,20 @@ def calibrate_image_text(
 def _measured(
     model: ClipImageText, rooms: Iterable[LabeledRoom], report_progress: Progress
 ) -> tuple[_Objects, NDArray[np.float16]]:
-    numbers, kinds, labels, weights, embeddings = [], [], list[str](), list[float](), []
+    numbers, kinds, labels, weights = [], [], list[str](), list[float]()
+    embeddings: list[NDArray[np.float16]] = []
     for number, room in enumerate(rooms):
         fraction = _LOOKING * (1 - 1 / (1 + number / 8))
         report_progress(ProgressEvent("calibration", fraction, f"looking at drawn room {number + 1}"))
         sights = best_sights(enumerate(ids for _, ids in room.views), room.labels)
+        found: dict[int, list[F32]] = {object_id: [] for object_id in sights}
+        for view, visible in sights_by_view(sights).items():
+            looks = model.embed(room.views[view][0], [sight.mask for _, sight in visible])
+            for (object_id, _), look in zip(visible, looks, strict=True):
+                found[object_id].append(look)
+        embeddings += map(pooled_embedding, found.values())
         seen = [room.labels[object_id] for object_id in sights]
-        for label, found in zip(seen, sights.values(), strict=True):
-            embeddings.append(pooled_embedding([model.embed(room.views[s.view][0], s.mask) for s in found]))
-            weights.append(seen.count(label) ** -0.5)
+        weights += [seen.count(label) ** -0.5 for label in seen]
         numbers += [number] * len(seen)
         kinds += [room.kind] * len(seen)
         labels += seen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,8 +14,6 @@ from fastsplat.service.query.language.meaning.common_objects import all_common_o
 from fastsplat.service.query.phrases.object_looks import LooksModel, log_odds, logit, seen_by, softmax_weights
 from fastsplat.service.scene.artefact.scene import Objects
 from fastsplat.service.scene.artefact.suggestions import MOST_SUGGESTED
-
-_NEVER = 2.0  # no probability reaches it
 
 
 def named_by_looks(objects: Objects, model: LooksModel, names: Sequence[str]) -> Objects:
@@ -35,5 +34,5 @@ def named_by_looks(objects: Objects, model: LooksModel, names: Sequence[str]) ->
     best = np.argsort(-shares, axis=1, kind="stable")[:, :MOST_SUGGESTED]
     rows = zip(seen, best, probability, strict=True)
     found = {obj.id: {words[at]: float(row[at]) for at in order} for obj, order, row in rows}
-    least = NAMED_FROM if model.calibration.measured else _NEVER
+    least = NAMED_FROM if model.calibration.measured else math.inf
     return add_names(objects, found, name_probability=least).objects

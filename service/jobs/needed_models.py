@@ -7,14 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 if TYPE_CHECKING:  # loads with the first upload
     from fastsplat.service.perception.models.model_manifest import ModelEntry
-
-ModelChoice = Mapping[str, Mapping[str, Any]]
-"""By role, "name" and "sha256" by file of a model in use."""
 
 logger = logging.getLogger(__name__)
 

@@ -17,8 +17,6 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveFloa
 from fastsplat.service.perception.results import Image
 from fastsplat_contract.errors import ModelUnavailableError
 
-_IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
-_IMAGENET_STD = np.array([0.229, 0.224, 0.225], np.float32)
 _AROUND = 1.2  # side of the cut-out square over the longer side of the object's box
 _GRAY = (123.675, 116.28, 103.53)
 
@@ -26,7 +24,7 @@ _GRAY = (123.675, 116.28, 103.53)
 def imagenet_tensor(image: Image, side: int, *, cubic: bool = False) -> NDArray[np.float32]:
     """float32 [1, 3, side, side]: resized without keeping the aspect, ImageNet-normalized."""
     resized = cv2.resize(image, (side, side), interpolation=cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR)
-    return _planar((resized.astype(np.float32) / 255 - _IMAGENET_MEAN) / _IMAGENET_STD)
+    return IMAGENET.normalized(resized.astype(np.float32) / np.float32(255))
 
 
 def _only(size: Any) -> Any:
@@ -52,12 +50,19 @@ class Preprocessing(BaseModel):
     def tensor(self, image: Image) -> NDArray[np.float32]:
         """float32 [1, 3, size, size]: resized with antialiasing, without keeping the aspect, and normalized."""
         pixels = np.asarray(PillowImage.fromarray(image).resize((self.size, self.size), self.interpolation), np.float32)
-        return _planar((pixels / 255 - np.array(self.mean, np.float32)) / np.array(self.std, np.float32))
+        return self.normalized(pixels / np.float32(255))
+
+    def normalized(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+        """float32 [1, 3, H, W] of pixels [H, W, 3] in 0..1."""
+        mean, std = np.array([self.mean, self.std], np.float32)
+        return _planar((pixels - mean) / std)
 
 
 IMAGENET = Preprocessing(
     size=384, mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225), interpolation=Resampling.BILINEAR
 )
+_MEAN, _STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+CLIP = Preprocessing(size=224, mean=_MEAN, std=_STD, interpolation=Resampling.BICUBIC)
 
 
 def read_preprocessing(path: Path, *, name: str) -> Preprocessing:

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
-from PIL.Image import Resampling
 
-from fastsplat.service.perception.image_tensors import Preprocessing, read_preprocessing, square_around
+from fastsplat.service.perception.image_tensors import CLIP, Preprocessing, read_preprocessing, square_around
 from fastsplat.service.perception.models.model_files import checked_file, image_and_text, tokenizer
 from fastsplat.service.perception.models.model_manifest import find_model
-from fastsplat.service.perception.onnx_session import Contract, file_sha256, find_contract, open_session
+from fastsplat.service.perception.onnx_session import Contract, file_sha256, find_contract, input_side, open_session
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Image
 from fastsplat.service.perception.text.text_encoders import ClipTextEncoder
@@ -30,11 +29,7 @@ _CONTRACTS: Mapping[str, Contract] = {
     "open_clip": ({"image": _PIXELS}, {"embedding": (1, None)}),
 }
 """By the names of `ClipTextEncoder`'s, whose text towers belong to them."""
-_CLIP = ((0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711))
-_USUAL = {
-    contract: Preprocessing(size=224, mean=mean, std=std, interpolation=Resampling.BICUBIC)
-    for contract, (mean, std) in {"CLIP": _CLIP, "SigLIP": ((0.5,) * 3, (0.5,) * 3)}.items()
-}
+_USUAL = {"CLIP": CLIP, "SigLIP": CLIP.model_copy(update=dict.fromkeys(("mean", "std"), (0.5,) * 3))}
 """Preprocessing without a file that says it; open_clip's models differ."""
 _CONFIGS = ("preprocess_cfg.json", "preprocessor_config.json")
 _BATCH = 8  # pictures a run, where a network takes several: a fifth less CPU time than one by one
@@ -60,12 +55,8 @@ class ClipImageText:
         """float32 [B, E] of unit length."""
         return self._text.encode(texts)
 
-    def embed(self, image: Image, mask: NDArray[np.bool_]) -> F32:
-        """float32 [E] of unit length, of a non-empty mask with a margin."""
-        return np.asarray(self.embed_all(image, [mask])[0])
-
-    def embed_all(self, image: Image, masks: Sequence[NDArray[np.bool_]]) -> F32:
-        """float32 [N, E] of unit length, of at least one mask of an image, as `embed`."""
+    def embed(self, image: Image, masks: Sequence[NDArray[np.bool_]]) -> F32:
+        """float32 [N, E] of unit length, of one or more non-empty masks of an image, with a margin."""
         session, preprocessing = self._network
         (node,) = session.get_inputs()
         (output,) = _CONTRACTS[self._text.contract][1]
@@ -87,12 +78,12 @@ class ClipImageText:
         contract = find_contract(session, _CONTRACTS, name=self.name)
         if contract != self._text.contract:
             raise self._broken(f"its contract is {contract}'s, that of its network of texts {self._text.contract}'s")
-        side = session.get_inputs()[0].shape[2]
         paths = [checked_file(self._image.with_name(config), name=self.name) for config in _CONFIGS]
         if path := next(filter(Path.is_file, paths), None):
             preprocessing = read_preprocessing(path, name=self.name)
         elif contract in _USUAL:
-            preprocessing = _USUAL[contract].model_copy(update={"size": side} if isinstance(side, int) else {})
+            side = input_side(session, session.get_inputs()[0].name, _USUAL[contract].size)
+            preprocessing = _USUAL[contract].model_copy(update={"size": side})
         else:
             raise self._broken(f"there is no {_CONFIGS[0]} beside it")
         return session, preprocessing

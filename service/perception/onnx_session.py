@@ -101,6 +101,12 @@ def find_contract(
     )
 
 
+def input_side(session: onnxruntime.InferenceSession, name: str, default: int) -> int:
+    """Returns the height of a session's images [N, 3, H, W], or `default` if it leaves it open."""
+    side = {node.name: node.shape for node in session.get_inputs()}[name][2]
+    return side if isinstance(side, int) else default
+
+
 def file_sha256(path: Path) -> str:
     """Hex SHA-256 of a file, cached until another one takes its place."""
     status = path.stat()

@@ -27,6 +27,15 @@ def activate_opacities(logit_opacities: Tensor) -> Tensor:
     return torch.sigmoid(logit_opacities)
 
 
+def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+    """Rotates `vectors` [G, 3] by `quats` [G, 4] (w x y z, any length), on their device."""
+    unit = torch.nn.functional.normalize(quats, dim=1)
+    w, axis = unit[:, :1], unit[:, 1:]
+    across = 2 * torch.linalg.cross(axis, vectors)
+    rotated: Tensor = vectors + w * across + torch.linalg.cross(axis, across)
+    return rotated
+
+
 def splats_of(
     gaussians: Gaussians | Mapping[str, Tensor], features: Tensor | None = None, device: torch.device | None = None
 ) -> Splats:

@@ -58,7 +58,7 @@ def seen(models: Path) -> dict[str, tuple[Object, ...]]:
     for name in (KNOWING, MODEL):
         model = open_image_text(PerceptionSettings(image_text=name), models)
         pictures = [np.full((40, 40, 3), color, np.uint8) for color in _COLORS.values()]
-        rows = [pooled_embedding([model.embed(picture, np.ones((40, 40), np.bool_))]) for picture in pictures]
+        rows = [pooled_embedding(model.embed(picture, [np.ones((40, 40), np.bool_)])) for picture in pictures]
         objects[name] = tuple(Object(n, looks=Looks(model.sha256, row.tobytes())) for n, row in enumerate(rows, 1))
     return objects
 

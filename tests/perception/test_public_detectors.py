@@ -160,7 +160,7 @@ def test_owl_sees_scores_and_boxes_as_the_framework(
     version: str, tokenizer_file: Path, tmp_path: Path, fed: list[dict[str, np.ndarray]]
 ) -> None:
     adapter = OwlV2 if version == "Owlv2" else OwlViT
-    model, path = _owl(version, adapter.side, tmp_path)
+    model, path = _owl(version, adapter.preprocessing.size, tmp_path)
     processor = Owlv2ImageProcessorPil() if version == "Owlv2" else OwlViTImageProcessorPil()
     found = adapter(path, tokenizer_file, name="owl").detect(_PHOTO, _PROMPTS, 0.0)
     # This release of the framework pads with black; the model was trained with gray.

@@ -112,10 +112,10 @@ def test_cosines_are_those_of_the_framework(public: _Public) -> None:
     found = public.model(input_ids=padded, **pixels)
     expected = (found.image_embeds @ found.text_embeds.T).numpy()
     model = open_image_text(_MINE, public.models)
-    embeddings = model.embed_all(_PHOTO, _MASKS)
+    embeddings = model.embed(_PHOTO, _MASKS)
     assert min(np.ptp(expected, axis=0).min(), np.ptp(expected, axis=1).min()) > 0.02
     np.testing.assert_allclose(embeddings @ model.encode([*_IDS]).T, expected, atol=1e-3)
-    np.testing.assert_allclose(model.embed(_PHOTO, _MASKS[3]), embeddings[3], atol=1e-5)
+    np.testing.assert_allclose(model.embed(_PHOTO, _MASKS[3:4])[0], embeddings[3], atol=1e-5)
     canonical = [model.encode([text]) for text in ("Red_cup!", "Red cup")]
     assert np.allclose(*canonical) == (public.context == 64)  # as SigLIP was trained
 
@@ -150,13 +150,13 @@ def test_what_does_not_belong_together_is_refused(public: _Public, tmp_path: Pat
     ):
         path.write_text(json.dumps(said | wrong))
         with pytest.raises(ModelUnavailableError, match=next(iter(wrong))):
-            open_image_text(_MINE, tmp_path).embed(_PHOTO, _MASKS[0])
+            open_image_text(_MINE, tmp_path).embed(_PHOTO, _MASKS[:1])
     path.unlink()
     with pytest.raises(ModelUnavailableError, match=r"224|preprocess_cfg"):  # CLIP's and SigLIP's usual size
-        open_image_text(_MINE, tmp_path).embed(_PHOTO, _MASKS[0])
+        open_image_text(_MINE, tmp_path).embed(_PHOTO, _MASKS[:1])
     shutil.copy(network, image)
     with pytest.raises(ModelUnavailableError, match=r"; or image .*; it has"):
-        open_image_text(_MINE, tmp_path).embed(_PHOTO, _MASKS[0])
+        open_image_text(_MINE, tmp_path).embed(_PHOTO, _MASKS[:1])
     _write_tokenizer(network.parent, "[UNKNOWN]")
     if public.context == 64 or network.parent.name == "textual":
         with pytest.raises(ModelUnavailableError, match="names no padding token"):

@@ -74,6 +74,9 @@ def test_a_job_keeps_the_models_that_it_began_with_and_goes_to_who_has_them(stor
     assert first.operation.models == again.operation.models == choice
     store.jobs.fail(again, {})
     store.jobs.retry("op1", 0.0)
+    store.scenes.create(job(2))
+    looked: list[object] = []
+    assert store.jobs.claim_next("lacks them", choice, looked.append) is None and looked == [choice]  # looks once
     assert store.jobs.claim_next("lacks them", {}, lambda models: not models).operation.models == {}
 
 

@@ -20,12 +20,12 @@ from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
+from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.jobs.needed_models import in_use, lacking, log_missing_models
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
 from fastsplat.service.store.blobs.blobs import PARTIAL_EXPIRY_S
 from fastsplat.service.store.queue.claims import Claim, FencedError
-from fastsplat.service.store.rows.records import ModelChoice
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.engine.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
 from fastsplat.workers.engine.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -43,7 +44,7 @@ class Job:
         secret = {"database_url", "database_password", *(() if asks_captioner else ("captioner",))}
         settings = self.settings.model_dump(mode="json", exclude=secret)
         spec = {**vars(self), "options": to_plain(self.options), "settings": settings, "order": dict(self.order)}
-        return json.dumps({**spec, "run": run}, default=str).encode() + b"\n"
+        return json.dumps({**spec, "run": run}, default=os.fspath).encode() + b"\n"
 
 
 def read_job(line: bytes) -> tuple[Job, str]:

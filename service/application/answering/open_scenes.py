@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.jobs.needed_models import in_use
 from fastsplat.service.query.language.meaning.embeddings import TextCaches, text_caches
 from fastsplat.service.query.objects.object_index import KEPT_MAP_BYTES
@@ -17,7 +18,6 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.rows.records import ModelChoice
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
 from fastsplat_contract.geometry.poses import F64
@@ -172,7 +172,9 @@ class OpenScenes:
         """Index of a scene that is not stored or cached."""
         encoder = self._encoder(scene.text_encoder[0])
         caches = self._caches_of(encoder)
-        return SceneIndex(scene, encoder, self._settings.query, None, self._lexicon(), caches, self._looks())
+        return SceneIndex(
+            scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches, looks=self._looks()
+        )
 
     def _encoder(self, name: str) -> TextEncoder:
         from fastsplat.service.perception.text.text_encoders import open_text_encoder

@@ -62,12 +62,11 @@ def with_appearances(
     features: dict[int, list[NDArray[np.float32]]] = {obj: [] for obj in best}
     embeddings: dict[int, list[NDArray[np.float32]]] = {obj: [] for obj in best}
     pictures: dict[int, bytes] = {}
-    for number in sorted({sight.view for sights in best.values() for sight in sights}):
+    for number, seen in sights_by_view(best).items():
         image = load_image(views[number])
-        seen = [(obj, sight) for obj, sights in best.items() for sight in sights if sight.view == number]
         masks = [_enlarged(sight.mask, image.shape[:2]) for _, sight in seen]
         if looks is not None:
-            for (obj, _), embedding in zip(seen, looks.embed_all(image, masks), strict=True):
+            for (obj, _), embedding in zip(seen, looks.embed(image, masks), strict=True):
                 embeddings[obj].append(embedding)
         if encoder is not None:
             for (obj, sight), mask in zip(seen, masks, strict=True):
@@ -116,6 +115,13 @@ def best_sights(
                 found = [*before, Sight(worth, number, owner == object_id)]
                 sights[object_id] = sorted(found, key=lambda sight: -sight.worth)[:_BEST]
     return {object_id: found for object_id, found in sights.items() if found}
+
+
+def sights_by_view(sights: Mapping[int, Sequence[Sight]]) -> Mapping[int, Sequence[tuple[int, Sight]]]:
+    """Object ids with their sights, by number of the view, ascending."""
+    rows = [(sight.view, object_id, sight) for object_id, found in sights.items() for sight in found]
+    numbers = sorted({view for view, *_ in rows})
+    return {number: [(object_id, sight) for view, object_id, sight in rows if view == number] for number in numbers}
 
 
 def pooled_embedding(embeddings: Sequence[NDArray[np.float32]]) -> NDArray[np.float16]:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from PIL.Image import Resampling
 from scipy.special import expit
 
 from fastsplat.service.perception.detectors.prompted_boxes import F32, TokenPrompted, select_boxes
+from fastsplat.service.perception.image_tensors import IMAGENET
 from fastsplat.service.perception.results import Detections, Image, joined
 from fastsplat_contract.errors import InvalidInputError
 
@@ -35,8 +35,7 @@ class GroundingDino(TokenPrompted):
         "pixel_mask": (1, None, None),
         **dict.fromkeys(("input_ids", "token_type_ids", "attention_mask"), (1, None)),
     }
-    side, max_tokens = 800, 256
-    statistics = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]], np.float32)
+    preprocessing, max_tokens = IMAGENET.model_copy(update={"size": 800}), 256
 
     def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:
         super().__init__(model, tokenizer, name=name, threads=threads)
@@ -49,7 +48,7 @@ class GroundingDino(TokenPrompted):
         Raises:
             InvalidInputError: a prompt is longer than 256 tokens, or has no word.
         """
-        pixels = self._resized(image, Resampling.BILINEAR)
+        pixels = self._preprocessing.tensor(image)
         extent = np.array(image.shape[1::-1] * 2, np.float32)
         passes = []
         for group in self._passes(prompts):
@@ -74,7 +73,7 @@ class GroundingDino(TokenPrompted):
     def _count_right_phrases(self) -> int:
         """Counts equal phrases, from the first, with equal logits; without a wrong one, any number is right."""
         copies = self._passes([_PROBE] * self.max_tokens)[0]
-        logits, _, spans = self._look(np.zeros((self._side, self._side, 3), np.float32), copies)
+        logits, _, spans = self._look(np.zeros((1, 3, self._side, self._side), np.float32), copies)
         same = [np.abs(logits[:, span] - logits[:, spans[0]]).max() <= _SAME for span in spans]
         return self.max_tokens if all(same) else same.index(False)
 

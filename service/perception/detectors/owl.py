@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from PIL.Image import Resampling
 from scipy import ndimage
 from scipy.special import expit
 
 from fastsplat.service.perception.detectors.prompted_boxes import F32, TokenPrompted, select_boxes
+from fastsplat.service.perception.image_tensors import CLIP
 from fastsplat.service.perception.results import Detections, Image, joined
 
 
@@ -22,8 +22,7 @@ class OwlViT(TokenPrompted):
     """
 
     inputs: ClassVar = {"input_ids": (None, None), "pixel_values": (1, 3, None, None), "attention_mask": (None, None)}
-    side, max_tokens = 768, 16
-    statistics = np.array([[0.48145466, 0.4578275, 0.40821073], [0.26862954, 0.26130258, 0.27577711]], np.float32)
+    preprocessing, max_tokens = CLIP.model_copy(update={"size": 768}), 16
 
     def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
         """Detects objects that score at least `min_score`; a box takes its best prompt.
@@ -41,7 +40,7 @@ class OwlViT(TokenPrompted):
         return select_boxes(boxes * self._extent(image), expit(logits), prompts, min_score, image)
 
     def _pixels(self, image: Image) -> F32:
-        return self._resized(image, Resampling.BICUBIC)
+        return self._preprocessing.tensor(image)
 
     def _extent(self, image: Image) -> F32:
         """float32 [4]: what is 1 in boxes, in pixels."""
@@ -54,7 +53,7 @@ class OwlV2(OwlViT):
     As `OwlViT`, but of a photo padded at right and bottom to a gray square, whose side is 1 in boxes.
     """
 
-    side = 960
+    preprocessing = CLIP.model_copy(update={"size": 960})
 
     def _pixels(self, image: Image) -> F32:
         square = np.full((max(image.shape), max(image.shape), 3), 0.5, np.float32)
@@ -64,7 +63,8 @@ class OwlV2(OwlViT):
         blur = max(0.0, (factor - 1) / 2)
         smooth = ndimage.gaussian_filter(square, (blur, blur, 0), mode="mirror")
         zoom = (1 / factor, 1 / factor, 1)
-        return np.asarray(ndimage.zoom(smooth, zoom, order=1, mode="mirror", grid_mode=True), np.float32)
+        small = ndimage.zoom(smooth, zoom, order=1, mode="mirror", grid_mode=True)
+        return self._preprocessing.normalized(np.asarray(small, np.float32))
 
     def _extent(self, image: Image) -> F32:
         return np.full(4, max(image.shape), np.float32)

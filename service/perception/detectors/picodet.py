@@ -9,7 +9,7 @@ import numpy as np
 from fastsplat.service.perception.box_ops import clip_boxes
 from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.perception.image_tensors import imagenet_tensor
-from fastsplat.service.perception.onnx_session import check_contract, open_session
+from fastsplat.service.perception.onnx_session import check_contract, input_side, open_session
 from fastsplat.service.perception.results import Detections, Image
 
 
@@ -27,8 +27,7 @@ class PicoDet:
         check_contract(
             self._session, name=name, inputs={"image": (1, 3, None, None), "scale_factor": (1, 2)}, outputs=[(None, 6)]
         )
-        sides = {node.name: node.shape for node in self._session.get_inputs()}["image"][2:]
-        self._side = sides[0] if isinstance(sides[0], int) else 416
+        self._side = input_side(self._session, "image", 416)
 
     def detect(self, image: Image, min_score: float) -> Detections:
         """Detects COCO objects that score at least `min_score` (the model itself cuts at about 0.3)."""

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
-from PIL.Image import Resampling, fromarray
 from tokenizers import Encoding
 
 from fastsplat.service.perception.box_ops import clip_boxes, nms
-from fastsplat.service.perception.onnx_session import Shape, check_contract, open_session
+from fastsplat.service.perception.image_tensors import Preprocessing
+from fastsplat.service.perception.onnx_session import Shape, check_contract, input_side, open_session
 from fastsplat.service.perception.results import Detections, Image, joined
 from fastsplat.service.perception.text.text_encoders import load_tokenizer
 from fastsplat_contract.errors import InvalidInputError
@@ -34,28 +33,22 @@ class TokenPrompted:
     """
 
     inputs: ClassVar[Mapping[str, Shape]]
-    side: ClassVar[int]
-    """Of images, `pixel_values` [1, 3, side, side], if the network leaves it open."""
+    preprocessing: ClassVar[Preprocessing]
+    """Of images, `pixel_values` [1, 3, size, size]; the size counts if the network leaves it open."""
     max_tokens: ClassVar[int]
-    statistics: ClassVar[F32]
-    """Mean and standard deviation of its images in 0..1, [2, 3]."""
 
     def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:
         self._tokenizer = load_tokenizer(tokenizer, name=name)
         self._session = open_session(model, name=name, threads=threads)
         outputs = {"logits": (1, None, None), "pred_boxes": (1, None, 4)}
         check_contract(self._session, name=name, inputs=self.inputs, outputs=outputs)
-        self._side = input_side(self._session, "pixel_values", self.side)
+        self._side = input_side(self._session, "pixel_values", self.preprocessing.size)
+        self._preprocessing = self.preprocessing.model_copy(update={"size": self._side})
 
     def _run(self, pixels: F32, feed: Mapping[str, NDArray[np.int64]]) -> tuple[F32, F32]:
-        """Logits [A, N], and boxes [A, 4] by their corners, of pixels [S, S, 3] in 0..1."""
-        tensor = ((pixels - self.statistics[0]) / self.statistics[1]).transpose(2, 0, 1)[None]
-        logits, boxes = self._session.run(["logits", "pred_boxes"], {"pixel_values": tensor, **feed})
+        """Logits [A, N], and boxes [A, 4] by their corners, of normalized pixels [1, 3, S, S]."""
+        logits, boxes = self._session.run(["logits", "pred_boxes"], {"pixel_values": pixels, **feed})
         return logits[0], corners(boxes[0])
-
-    def _resized(self, image: Image, how: Resampling) -> F32:
-        """float32 [S, S, 3] in 0..1, with antialiasing, without keeping the aspect."""
-        return np.asarray(fromarray(image).resize((self._side, self._side), how), np.float32) / np.float32(255)
 
     def _encode(self, text: str) -> Encoding:
         """Tokens of a text; too many raise `InvalidInputError`."""
@@ -68,12 +61,6 @@ class TokenPrompted:
                 hint="Use a shorter label.",
             )
         return encoding
-
-
-def input_side(session: onnxruntime.InferenceSession, name: str, default: int) -> int:
-    """Returns the height of a session's images [N, 3, H, W], or `default` if it leaves it open."""
-    side = {node.name: node.shape for node in session.get_inputs()}[name][2]
-    return side if isinstance(side, int) else default
 
 
 def corners(boxes: F32) -> F32:

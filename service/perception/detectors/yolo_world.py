@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fastsplat.service.perception.detectors.prompted_boxes import corners, input_side, select_boxes
+from fastsplat.service.perception.detectors.prompted_boxes import corners, select_boxes
 from fastsplat.service.perception.image_tensors import letterboxed
-from fastsplat.service.perception.onnx_session import Shape, check_contract, open_session
+from fastsplat.service.perception.onnx_session import Shape, find_contract, input_side, open_session
 from fastsplat.service.perception.results import Detections, Image, TextEncoder, joined
 from fastsplat_contract.errors import ModelUnavailableError
 
@@ -15,7 +15,8 @@ _OUTPUTS: Mapping[str, Mapping[str, Shape]] = {
     "txt_feats": {"output0": (1, None, None)},
     "text_embeds": {"boxes_xyxy": (1, None, 4), "scores": (1, None, None)},
 }
-"""Outputs of each contract, by its input of prompts."""
+"""Outputs by the input of prompts, which names the contract."""
+_INPUTS = {prompts: {"images": (1, 3, None, None), prompts: (1, None, None)} for prompts in _OUTPUTS}
 
 
 class YoloWorld:
@@ -40,12 +41,8 @@ class YoloWorld:
                 field=name,
                 hint="Use an export that takes embeddings of words: images and txt_feats, or images and text_embeds.",
             )
-        self._prompts = next((key for key in _OUTPUTS if key in shapes), "txt_feats")
-        check_contract(
-            self._session,
-            name=name,
-            inputs={"images": (1, 3, None, None), self._prompts: (1, None, None)},
-            outputs=_OUTPUTS[self._prompts],
+        self._prompts = find_contract(
+            self._session, {key: (_INPUTS[key], _OUTPUTS[key]) for key in _OUTPUTS}, name=name
         )
         self._side = input_side(self._session, "images", 640)
         self._width = shapes[self._prompts][2]

@@ -102,10 +102,10 @@ def load_labelling(directory: Path) -> Labelling:
         if len(masks) not in (0, len(maps)):
             raise ValueError(f"masks of {len(masks)} views for {len(maps)} label maps")
         names = index["searched"]
-        searched = None if names is None else tuple(str(name) for name in names)
+        searched, detector = None if names is None else tuple(str(name) for name in names), str(index["detector"])
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error
-    return Labelling(dictionary, tuple(maps), exact, regions, masks, searched, detector=str(index.get("detector", "")))
+    return Labelling(dictionary, tuple(maps), exact, regions, masks, searched, detector=detector)
 
 
 def _masks_name(number: int) -> str:

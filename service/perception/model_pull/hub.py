@@ -21,7 +21,6 @@ Bytes = Callable[[int, int], None]
 """Called with the bytes that have arrived and their total (0: unknown)."""
 
 _HUB = "https://huggingface.co"
-_MAIN = "main"
 _SILENCE_S = 60
 
 
@@ -60,7 +59,7 @@ def pinned(entry: ModelEntry, receipt: Receipt, revision: str | None) -> ModelEn
         if isinstance(source, HubSource):
             trusted = receipt.hub.get(file.name, {})
             known = trusted.get("commit") if trusted.get("repo") == source.repo else None
-            listed = listing(source.repo, source.revision or revision or known or _MAIN)
+            listed = listing(source.repo, source.revision or revision or known or "main")
             sha256 = receipt.sha256.get(file.name) if listed.sha == known else None
             file = _pinned_file(file, source, listed, file.sha256 or sha256)
         files.append(file)
@@ -108,13 +107,10 @@ def download(address: str, target: Path, on_bytes: Bytes) -> None:
     import httpx
 
     try:
-        with (
-            httpx.stream("GET", address, timeout=_SILENCE_S, follow_redirects=True) as answer,
-            target.open("wb") as out,
-        ):
-            answer.raise_for_status()
-            total = int(answer.headers.get("content-length", 0))
-            for chunk in answer.iter_bytes():
+        with httpx.stream("GET", address, timeout=_SILENCE_S, follow_redirects=True) as reply, target.open("wb") as out:
+            reply.raise_for_status()
+            total = int(reply.headers.get("content-length", 0))
+            for chunk in reply.iter_bytes():
                 out.write(chunk)
                 on_bytes(out.tell(), total)
     except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:

@@ -69,7 +69,7 @@ def check_model(entry: ModelEntry, models: Path) -> None:
         model = open_image_text(PerceptionSettings(image_text=name), models)
         sign, soup = model.encode(["a stop sign", "a bowl of soup"])
         picture = _drawn_stop_sign()
-        looks = model.embed(picture, np.ones(picture.shape[:2], np.bool_))
+        (looks,) = model.embed(picture, [np.ones(picture.shape[:2], np.bool_)])
         solved = float(looks @ sign) > float(looks @ soup) + 0.01
         exercise = "a drawn stop sign, which is no bowl of soup"
     else:

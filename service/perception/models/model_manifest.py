@@ -39,8 +39,6 @@ Commit = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{40}$")]
 
 DEFAULT = "default"
 """The set of models that are in use unless others are chosen."""
-OPEN_VOCABULARY = "open-vocabulary"
-"""The set with which words of any kind are looked for."""
 
 BUILT_IN_MANIFEST = Path(__file__).parent / "manifest.toml"
 

@@ -36,9 +36,7 @@ class Mask2D:
     """An answer's mask in one view."""
 
     mask: NDArray[np.bool_]  # bool [H, W], pixels whose most probable class is a relevant entry
-    label_ids: NDArray[
-        np.uint16
-    ]  # uint16 [H, W], the relevant entry of each pixel of the mask; 0 elsewhere, or if it has none
+    label_ids: NDArray[np.uint16]  # uint16 [H, W], each masked pixel's relevant entry; 0 elsewhere, or if it has none
     relevancy: NDArray[np.float32]  # float32 [H, W], 0..1: Σ_n p(n)·relevancy(n)
     rgb: NDArray[np.uint8]  # uint8 [H, W, 3], the rendered view
 

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.scene.artefact.scene import F32
+from fastsplat.service.splatting.gaussians import rotate
 from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.training.densify import rotate
 from fastsplat_contract.geometry.camera import PosedCamera
 
 RELATIVE_SPREAD = 0.05

@@ -7,7 +7,7 @@ classification: Radford et al. 2021, section 3.1), at the temperature and with t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -210,6 +210,13 @@ class ObjectLooks:
         names = tuple(sorted({obj.name for obj in self.objects if obj.name and not common_objects(obj.name)[1]}))
         return names, self.model.cosines(self._seen, names)
 
+    @cached_property
+    def _of_text(self) -> Callable[[str], F64]:
+        """Cosines [K] of a text, kept as an answer and its absence ask for the same."""
+        assert self.model is not None
+        seen, model = embeddings_of(self._seen), self.model
+        return lru_cache(16)(lambda text: seen @ model.embed_text(text))
+
     def likely(self, text: str, before: Mapping[int, float]) -> Mapping[int, float]:
         """Posterior probability, 0..1, that a noun phrase is true of each object with looks.
 
@@ -218,7 +225,7 @@ class ObjectLooks:
         if self.model is None or not self:
             return {}
         names, cosines = self._cosines
-        of_text = embeddings_of(self._seen) @ self.model.embed_text(text)
+        of_text = self._of_text(text)
         peak, temperature = np.maximum(cosines.max(axis=1), of_text), self.model.calibration.temperature
         weights = softmax_weights(np.column_stack([of_text, cosines]), peak, temperature)
         shares = text_share(text, weights[:, 1:], weights[:, 1:].sum(axis=1), weights[:, 0], names)

@@ -189,8 +189,9 @@ class ObjectGroup:
     consensus: float  # share of the views seeing it in which it was proposed, 0..1
 
     def __post_init__(self) -> None:
-        assert 1 <= self.id <= 65535 and 0 <= self.consensus <= 1
-        assert len(self.members) >= 2 and list(self.members) == sorted(set(self.members))
+        ascending = len(self.members) >= 2 and list(self.members) == sorted(set(self.members))
+        if not (1 <= self.id <= 65535 and 0 <= self.consensus <= 1 and ascending):
+            raise ValueError(f"{self} is no group of two objects or more")
 
 
 @dataclass(frozen=True)

@@ -232,11 +232,10 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
             field="schema",
             hint="With the version of fastsplat that wrote it, export the scene as PLY or SPZ, and import that here.",
         )
-    seal = body.pop("sha256", None)
-    if seal != _seal(body):
+    if body.pop("sha256", None) != _seal(body):
         raise SceneFileError("scene.json does not match its own digest", field="scene.json", hint=_RESTORE)
     try:
-        manifest = Manifest.model_validate_json(json.dumps(body))
+        manifest = Manifest.model_validate_json(data)
         Dictionary(manifest.entries)  # checks the names
     except (ValidationError, FastSplatError) as error:
         raise SceneFileError(f"scene.json is malformed: {error}", field="scene.json", hint=_RESTORE) from error
@@ -306,6 +305,7 @@ class Manifest(_StrictRow):
     evidence: _Evidence | None
     objects: _ObjectsRow | None
     cameras_sha256: str
+    sha256: str  # of all else
     scaling: Scaling | None
     alignment: Alignment | None
     observations: Annotated[tuple[Observation, ...], PlainValidator(observations_from_json)]

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.gaussians import activate_opacities, activate_scales
+from fastsplat.service.splatting.gaussians import activate_opacities, activate_scales, rotate
 from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, Step
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from fastsplat.service.splatting.training.schedule import event_due
@@ -122,16 +122,6 @@ def _scattered(state: SplatState, sources: Tensor, generator: torch.Generator) -
     scales = activate_scales(state.parameters["log_scales"][sources])
     offset = torch.randn(len(sources), 3, generator=generator).to(scales.device) * scales
     return state.parameters["means"][sources] + rotate(state.parameters["quats"][sources], offset)
-
-
-def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
-    """`vectors` [G, 3] rotated by `quats` [G, 4] (w x y z, any length). In torch, because the parameters may be on a
-    GPU, which scipy's rotations cannot reach."""
-    unit = torch.nn.functional.normalize(quats, dim=1)
-    w, axis = unit[:, :1], unit[:, 1:]
-    across = 2 * torch.linalg.cross(axis, vectors)
-    rotated: Tensor = vectors + w * across + torch.linalg.cross(axis, across)
-    return rotated
 
 
 _COEFFICIENTS = torch.tensor(

@@ -103,7 +103,7 @@ class Trainer:
         self._photometric.decide_if_due(self.state)
         correction = self._photometric.correction(self.state, number)
         points = self._anchor_points
-        if correction is not None:  # colored as the photo shows them
+        if regularized and correction is not None:  # colored as the photo shows them
             points = replace(points, colors=correct(points.colors, correction.detach()).clamp(0, 1))
         anchors = depth_anchors(points, view, frame) if regularized else None
         splats = splats_of(parameters)

@@ -11,10 +11,11 @@ from typing import Any, Literal, get_args
 
 from sqlalchemy import Connection, Update, func, select, update
 
+from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.store.repositories.scene_repository import as_operation
 from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable
 from fastsplat.service.store.rows.database import Repository
-from fastsplat.service.store.rows.records import MODELS, Attempt, ModelChoice, OperationRecord
+from fastsplat.service.store.rows.records import MODELS, Attempt, OperationRecord
 from fastsplat.service.store.rows.schema import operations
 from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, OperationState
 
@@ -82,10 +83,12 @@ class JobQueue(Repository):
 
         Jobs begin with `choice`; those begun before keep theirs. Returns None also if another worker was faster.
         """
-        for job in self.in_turn():
-            models = job.models if job.state == "RUNNING" else choice
-            if can_use(models):
-                return self.claim(job.id, worker, models)
+        waiting = self.in_turn()
+        chosen = bool(waiting) and can_use(choice)  # once, as thousands may wait
+        for job in waiting:
+            begun = job.state == "RUNNING"
+            if can_use(job.models) if begun else chosen:
+                return self.claim(job.id, worker, job.models if begun else choice)
         return None
 
     def in_turn(self) -> Sequence[OperationRecord]:

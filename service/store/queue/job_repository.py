@@ -287,9 +287,7 @@ class JobRepository(JobQueue):
             records = {scene.version: trained_version(scene)}
             if draft:
                 connection.execute(insert(scene_versions).values(version_row(records[scene.version])))
-        if (
-            draft and records
-        ):  # earlier drafts stay for those who look at them; request ids move to the edits made again
+        if draft and records:  # which stay for those who look at them; request ids move to the edits made again
             connection.execute(update(scene_versions).where(_ROWS.scene_id == scene_id).values(request_id=None))
         elif records:
             connection.execute(delete(scene_versions).where(_ROWS.scene_id == scene_id))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from sqlalchemy import delete, insert, select
 
+from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.store.rows.damaged_rows import is_object, require
 from fastsplat.service.store.rows.database import Repository
-from fastsplat.service.store.rows.records import ModelChoice
 from fastsplat.service.store.rows.schema import chosen_models
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypedDict, get_args
 
+from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, is_time, require
 from fastsplat_contract.jobs.operations import AgainAfter, OperationKind, OperationState
 from fastsplat_contract.messages.scenes import Scale, SceneState
@@ -21,9 +22,6 @@ PREDICTED_S = "predicted_s"
 
 MODELS = "models"
 """Key of `OperationRecord.options`: the choice of models that a job began with, and keeps."""
-
-ModelChoice = Mapping[str, Mapping[str, Any]]
-"""By role, the model that API and workers use: "name" as in a setting, "sha256" by file. Others are the settings'."""
 
 _SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
 _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from fastsplat.service.scene.artefact.scene import SH_C0, SemanticHead
 from fastsplat.service.scene.gaussians.morton import morton_order
+from fastsplat.service.splatting.gaussians import rotate
 from fastsplat.service.splatting.initial import StartPoints, start_gaussians, start_points
 from fastsplat.service.splatting.labels.semantics import (
     code_size,
@@ -25,7 +26,6 @@ from fastsplat.service.splatting.training.densify import (
     MAX_COPIES,
     planned_count,
     relocate_and_grow,
-    rotate,
     split_in_place,
 )
 from fastsplat.service.splatting.training.quality import psnr, ssim
