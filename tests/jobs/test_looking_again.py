@@ -12,7 +12,9 @@ import pytest
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.instances.discovery_settings import LookAgainOptions
+from fastsplat.service.instances.naming.name_models import NameModel, save_name_model
 from fastsplat.service.jobs.look_again import Sightings, look_for, name_sightings
+from fastsplat.service.perception.models.model_files import installed_digests
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
@@ -29,16 +31,24 @@ _WORDS = {  # what the label table of the development machine calls these
 Table = tuple[SceneIndex, dict[int, str]]
 Looked = tuple[Sightings, list[ProgressEvent]]
 _DETECTOR = PerceptionSettings(
-    open_set_detector="yolo_world:yolo_world_s", prompt_encoder="label_table:clip_text_vocab", open_score_threshold=0.15
+    open_set_detector="yolo_world:yolo_world_s", prompt_encoder="label_table:clip_text_vocab"
 )
 
 
 @pytest.fixture(scope="module")
-def settings(models_dir: Path) -> Settings:
+def settings(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    """With a measurement of the detector's scores that takes them as they are."""
     if not (models_dir / "yolo_world_s").is_dir():
         pytest.skip("evaluation weights are not there")
+    models = tmp_path_factory.mktemp("models")
+    for path in models_dir.glob("*/*"):
+        (models / path.parent.name).mkdir(exist_ok=True)
+        (models / path.relative_to(models_dir)).symlink_to(path)
+    digests = installed_digests(models / "yolo_world_s", name="yolo_world_s")
+    name = _DETECTOR.open_set_detector
+    save_name_model(NameModel(detector=name, sha256=digests, sets=(), factor=1, offset=0.6, categories={}), models)
     look_again = LookAgainOptions(views=4, closer_views=2)
-    return Settings(models=models_dir, perception=_DETECTOR, look_again=look_again)
+    return Settings(models=models, perception=_DETECTOR, look_again=look_again)
 
 
 @pytest.fixture(scope="module")

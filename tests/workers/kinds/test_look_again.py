@@ -173,7 +173,6 @@ _ROOT = Path(__file__).parent.parent.parent.parent
 _PERCEPTION = {
     "open_set_detector": "yolo_world:yolo_world_s",
     "prompt_encoder": "label_table:clip_text_vocab",
-    "open_score_threshold": 0.15,
 }
 
 # That it looks at one view is no setting of a server.
