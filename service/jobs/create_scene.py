@@ -33,6 +33,7 @@ from fastsplat.service.perception.label_maps.capture_masks import propose_captur
 from fastsplat.service.perception.label_maps.early_look import ShowEarly
 from fastsplat.service.perception.label_maps.labelling import label_capture
 from fastsplat.service.perception.label_maps.movers import open_withholding
+from fastsplat.service.perception.onnx_session import use_backend
 from fastsplat.service.perception.readers.ppocr import find_reader
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
@@ -107,6 +108,7 @@ def build_views(
         FastSplatError: the device is missing (checked first); as `build_capture`, `open_withholding`, `render_views`.
     """
     backend = settings.training.backend
+    use_backend(backend)
     device_of(backend)
     if read_manifest(validated_dir)[0].source != "splat":
         withholding = open_withholding(movers, privacy, settings.perception, settings.models)
@@ -187,6 +189,7 @@ def build_scene(
         ModelUnavailableError: the training device or a required model is missing (checked first).
         FastSplatError: as the stages.
     """
+    use_backend(settings.training.backend)
     device_of(settings.training.backend)
     open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the training
     if settings.discovery.objects == "on":

@@ -30,6 +30,7 @@ from fastsplat.service.instances.scene_objects import NAME_OVERLAP, votes_of_vie
 from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, open_open_set_detector
 from fastsplat.service.perception.label_maps.capture_detection import spread
 from fastsplat.service.perception.label_maps.labelling import label_capture
+from fastsplat.service.perception.onnx_session import use_backend
 from fastsplat.service.perception.results import OpenSetDetector
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.query.edits.object_edits import with_label
@@ -99,6 +100,7 @@ def look_for(
         InvalidInputError: a text that the detector cannot read.
         NotFoundError: no camera of the scene sees anything.
     """
+    use_backend(settings.training.backend)
     check_open_set_detector(settings.perception)
     detector = open_open_set_detector(settings.perception, settings.models)
     open_segmenter(settings.perception, settings.models)  # a missing model fails before the rendering

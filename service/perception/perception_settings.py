@@ -9,7 +9,6 @@ from pydantic import Field
 
 from fastsplat.service.common.setting_groups import Options, SettingGroup
 
-
 _USUAL_THRESHOLDS: Mapping[str, float] = {"grounding_dino": 0.3, "owlv2": 0.1, "owlvit": 0.1, "yolo_world": 0.15}
 """Scores from which detections count in public examples of open-set detectors, by adapter."""
 

@@ -12,9 +12,7 @@ import pytest
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.instances.discovery_settings import LookAgainOptions
-from fastsplat.service.instances.naming.name_models import NameModel, save_name_model
 from fastsplat.service.jobs.look_again import Sightings, look_for, name_sightings
-from fastsplat.service.perception.models.model_files import installed_digests
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
@@ -22,7 +20,7 @@ from fastsplat.service.scene.objects.objects import discard_object
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import CancelledError, ModelUnavailableError
 from fastsplat_contract.geometry.camera import PosedCamera
-from tests.instances.made_table import made_table
+from tests.instances.made_table import made_table, measured_detector
 
 _WORDS = {  # what the label table of the development machine calls these
     "red scissors": "scissors", "magnifying glass": "hand glass", "ramekin": "bowl", "cereal box": "carton",
@@ -37,16 +35,9 @@ _DETECTOR = PerceptionSettings(
 
 @pytest.fixture(scope="module")
 def settings(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Settings:
-    """With a measurement of the detector's scores that takes them as they are."""
     if not (models_dir / "yolo_world_s").is_dir():
         pytest.skip("evaluation weights are not there")
-    models = tmp_path_factory.mktemp("models")
-    for path in models_dir.glob("*/*"):
-        (models / path.parent.name).mkdir(exist_ok=True)
-        (models / path.relative_to(models_dir)).symlink_to(path)
-    digests = installed_digests(models / "yolo_world_s", name="yolo_world_s")
-    name = _DETECTOR.open_set_detector
-    save_name_model(NameModel(detector=name, sha256=digests, sets=(), factor=1, offset=0.6, categories={}), models)
+    models = measured_detector(models_dir, tmp_path_factory.mktemp("models"), _DETECTOR.open_set_detector)
     look_again = LookAgainOptions(views=4, closer_views=2)
     return Settings(models=models, perception=_DETECTOR, look_again=look_again)
 
