@@ -25,7 +25,10 @@ _providers = ["CPUExecutionProvider"]
 
 
 def use_backend(backend: str) -> None:
-    """Opens sessions from now on where training runs: on the GPU for "cuda", if this onnxruntime can, else on the CPU."""
+    """Opens sessions from now on where training runs.
+
+    That is on the GPU for "cuda", if this onnxruntime can, else on the CPU.
+    """
     on_gpu = backend == "cuda" and _CUDA in onnxruntime.get_available_providers()
     _providers[:] = [*([_CUDA] if on_gpu else []), "CPUExecutionProvider"]
 
