@@ -169,7 +169,7 @@ def mean_scores(maps: Sequence[NDArray[np.int64]], regions: Sequence[Regions], o
                 for label, score in votes:
                     best[obj, label] = max(best[obj, label], score)
         scores += best
-    return np.minimum(scores / np.maximum(able, 1)[:, None], 1.0)
+    return np.asarray(np.minimum(scores / np.maximum(able, 1)[:, None], 1.0))
 
 
 def fit_name_model(called: Sequence[NamedObject], detector: str) -> NameModel:
@@ -209,7 +209,7 @@ def probabilities_left_out(called: Sequence[NamedObject]) -> F64:
     kinds = np.array([obj.group.split("-")[0] for obj in called])
     for kind in set(kinds.tolist()):
         model = fit_name_model([obj for obj, obj_kind in zip(called, kinds, strict=True) if obj_kind != kind], "")
-        for row in np.flatnonzero(kinds == kind):
+        for row in np.flatnonzero(kinds == kind).tolist():
             predicted[row] = model.probability(np.array([[called[row].evidence]]), [called[row].name])[0, 0]
     return predicted
 
