@@ -46,6 +46,7 @@ from benchmarks.splits import results_file
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.capture_files import holds_capture, load_capture
 from fastsplat.service.common.progress import silent
+from fastsplat.service.instances.naming.name_models import load_name_model
 from fastsplat.service.instances.scene_objects import find_scene_objects
 from fastsplat.service.perception.label_maps.labelling import label_capture
 from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
@@ -116,8 +117,10 @@ def kept_room(name: str, folder: Path, settings: Settings) -> tuple[Dataset, Cap
 def with_objects(scene: Scene, capture: Capture, labelling: Labelling, settings: Settings) -> Scene:
     """The scene with its objects, discovered and named as a job does it."""
     discovery, training = settings.discovery, settings.training
-    found = find_scene_objects(scene.gaussians, capture, labelling, labelling.masks, discovery, training=training)
-    objects, gaussians = found
+    model = load_name_model(labelling.detector, settings.models)
+    objects, gaussians = find_scene_objects(
+        scene.gaussians, capture, labelling, labelling.masks, discovery, training=training, name_model=model
+    )
     head = SemanticHead.unlearnt(len(scene.dictionary), gaussians.codes.shape[1])
     return replace(scene, gaussians=gaussians, head=head, objects=objects)
 

@@ -15,6 +15,7 @@ from fastsplat.cli.connection import local_store
 from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.scenes.ask_command import ANY_WORD
 from fastsplat.cli.tables import Column, size, table
+from fastsplat_contract.errors import ModelUnavailableError
 
 if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without
     from fastsplat.service.perception.model_pull.pull import Step
@@ -152,9 +153,11 @@ def pull_with_progress(
         )
         entries, said = select_models(named, manifest), list[str]()
         for entry in entries:
+            name = entry.name if manifest is None else f"{entry.adapter}:{entry.name}"
             if entry.role == "image_text":
-                name = entry.name if manifest is None else f"{entry.adapter}:{entry.name}"
                 said += _calibrated(name, directory, report)
+            elif entry.role == "open_set_detector":
+                said += _calibrated_detector(name, directory, report)
     for line in said:
         typer.echo(line)
     return entries
@@ -175,6 +178,27 @@ def _calibrated(name: str, models: Path, report: Callable[[Step], None]) -> Iter
         save_calibration(*found, models)
         report(Step(line, "ready"))
         yield found[0].summary
+
+
+def _calibrated_detector(name: str, models: Path, report: Callable[[Step], None]) -> Iterator[str]:
+    """Measures how probable an open-set detector's names are, unless that is known; yields what was found."""
+    from fastsplat.service.instances.naming.name_models import load_name_model, save_name_model
+    from fastsplat.service.jobs.detector_calibration import calibrate_detector
+    from fastsplat.service.perception.model_pull.pull import Step
+
+    if load_name_model(name, models) is not None:
+        return
+    line, settings = name.rpartition(":")[2], load_settings().perception.model_copy(update={"open_set_detector": name})
+    try:
+        found = calibrate_detector(
+            settings, models, lambda e: report(Step(line, e.message, round(100 * e.fraction), 100))
+        )
+    except ModelUnavailableError as error:  # it suggests without
+        yield f"{name} suggests names only: {error}"
+    else:
+        save_name_model(found, models)
+        yield found.summary
+    report(Step(line, "ready"))
 
 
 @contextmanager

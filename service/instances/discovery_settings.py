@@ -44,9 +44,6 @@ class LookAgainOptions(Options):
     """Views that an open-set detector looks at: those that see most of the scene, and of its unnamed objects first."""
     closer_views: int = Field(4, ge=0)
     """Of these views, so many that show an object best are looked at around it alone (small objects); 0: none."""
-    name_probability: float = Field(0.45, ge=0, le=1)
-    """A text is stated as an object's name from this mean score over the pictures that show the object; below, it is a
-    suggestion. Chosen on the table of the tests with a YOLO-World detector; detectors score differently."""
 
 
 class PromptOptions(Options):

@@ -15,6 +15,7 @@ from fastsplat.service.instances.discovery.coded_objects import fit_object_codes
 from fastsplat.service.instances.discovery.discovery import OnView, discover_objects, masked_view
 from fastsplat.service.instances.discovery.lifting import lift_regions_of
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
+from fastsplat.service.instances.naming.name_models import NameModel
 from fastsplat.service.instances.naming.naming import NameVotes, count_votes, name_objects
 from fastsplat.service.perception.results import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.artefact.scene import Gaussians, Objects, SceneFacts
@@ -42,6 +43,7 @@ def find_scene_objects(
     on_view: OnView = lambda done, total: None,
     *,
     training: TrainingSettings = _TRAINING,
+    name_model: NameModel | None = None,
 ) -> tuple[Objects, Gaussians]:
     """Finds and names the objects of a scene; also returns its Gaussians with object codes.
 
@@ -51,6 +53,7 @@ def find_scene_objects(
         masks: of each view, without names, see `propose_capture_masks`.
         on_view: called for every view whose masks are lifted.
         training: for backend, seed and `code_size`.
+        name_model: of the detector that labelled; None: its names are suggestions.
     """
     recorded = capture.report.vertical
     facts = SceneFacts()
@@ -66,7 +69,7 @@ def find_scene_objects(
     )
     if fitted is not None:
         objects, gaussians = replace(objects, head=fitted[1]), replace(gaussians, codes=fitted[0])
-    return _named(objects, gaussians, capture, labelling, settings, backend), gaussians
+    return _named(objects, gaussians, capture, labelling, settings, backend, name_model), gaussians
 
 
 def _named(
@@ -76,6 +79,7 @@ def _named(
     labelling: Labelling,
     settings: DiscoverySettings,
     backend: Backend,
+    name_model: NameModel | None,
 ) -> Objects:
     names = [entry.label for entry in labelling.dictionary.entries]
     if not names or not objects.table:
@@ -83,7 +87,7 @@ def _named(
     regions = labelling.regions or [regions_of_label_map(label_map) for label_map in labelling.label_maps]
     used = [pair for pair in zip(capture.views, regions, strict=True) if pair[1].votes]
     votes = votes_of_views(objects, gaussians, used, len(names), settings, backend=backend)
-    return name_objects(objects, votes, names, "given" if labelling.exact else "detected", labelling.detector)
+    return name_objects(objects, votes, names, "given" if labelling.exact else "detected", name_model)
 
 
 @torch.no_grad()

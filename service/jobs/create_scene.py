@@ -21,7 +21,7 @@ from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
-from fastsplat.service.instances.naming.naming import is_calibrated
+from fastsplat.service.instances.naming.name_models import load_name_model
 from fastsplat.service.instances.naming.object_appearances import with_appearances
 from fastsplat.service.instances.naming.object_reads import with_reads
 from fastsplat.service.instances.scene_objects import find_scene_objects
@@ -33,6 +33,7 @@ from fastsplat.service.perception.label_maps.capture_masks import propose_captur
 from fastsplat.service.perception.label_maps.early_look import ShowEarly
 from fastsplat.service.perception.label_maps.labelling import label_capture
 from fastsplat.service.perception.label_maps.movers import open_withholding
+from fastsplat.service.perception.onnx_session import use_backend
 from fastsplat.service.perception.readers.ppocr import find_reader
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
@@ -107,6 +108,7 @@ def build_views(
         FastSplatError: the device is missing (checked first); as `build_capture`, `open_withholding`, `render_views`.
     """
     backend = settings.training.backend
+    use_backend(backend)
     device_of(backend)
     if read_manifest(validated_dir)[0].source != "splat":
         withholding = open_withholding(movers, privacy, settings.perception, settings.models)
@@ -187,6 +189,7 @@ def build_scene(
         ModelUnavailableError: the training device or a required model is missing (checked first).
         FastSplatError: as the stages.
     """
+    use_backend(settings.training.backend)
     device_of(settings.training.backend)
     open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the training
     if settings.discovery.objects == "on":
@@ -262,7 +265,8 @@ def scene_facts(
     report, scale, vertical = capture.report, capture.report.scale, capture.report.vertical
     private = is_private(capture, settings)
     unmeasured: tuple[str, ...] = ()
-    if labelling.regions and not is_calibrated(labelling.detector):
+    model = load_name_model(labelling.detector, settings.models)
+    if labelling.regions and not (model and model.measured):
         unmeasured = (f"the scores of {labelling.detector} are not measured: its names are suggestions",)
     times = {} if private else {v.posed.name: v.taken_at for v in capture.views if v.taken_at is not None}
     names = [entry.label for entry in labelling.dictionary.entries] if labelling.exact else labelling.searched
@@ -346,8 +350,10 @@ def find_objects(
         looking, begin = tell("looking for objects", 0, _LOOKING_SHARE), _LOOKING_SHARE
         masks = propose_capture_masks(capture.views, settings.perception, models, looking)
     on_view = tell("discovering objects", begin, _READING_FROM)
-    found = find_scene_objects(trained.gaussians, capture, labelling, masks, discovery, on_view, training=training)
-    objects, gaussians = found
+    name_model = load_name_model(labelling.detector, models)
+    objects, gaussians = find_scene_objects(
+        trained.gaussians, capture, labelling, masks, discovery, on_view, training=training, name_model=name_model
+    )
     if not objects.table and not detected:
         return None, trained.gaussians
     if discovery.objects == "off" or not described:

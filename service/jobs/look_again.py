@@ -14,6 +14,8 @@ import numpy as np
 from fastsplat.service.capture.captures import Capture, CaptureReport
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.instances.naming.name_models import NameModel, load_name_model
+from fastsplat.service.instances.naming.naming import NAMED_FROM, name_probability
 from fastsplat.service.instances.naming.second_look import (
     add_names,
     best_positions,
@@ -28,6 +30,7 @@ from fastsplat.service.instances.scene_objects import NAME_OVERLAP, votes_of_vie
 from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, open_open_set_detector
 from fastsplat.service.perception.label_maps.capture_detection import spread
 from fastsplat.service.perception.label_maps.labelling import label_capture
+from fastsplat.service.perception.onnx_session import use_backend
 from fastsplat.service.perception.results import OpenSetDetector
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.query.edits.object_edits import with_label
@@ -97,6 +100,7 @@ def look_for(
         InvalidInputError: a text that the detector cannot read.
         NotFoundError: no camera of the scene sees anything.
     """
+    use_backend(settings.training.backend)
     check_open_set_detector(settings.perception)
     detector = open_open_set_detector(settings.perception, settings.models)
     open_segmenter(settings.perception, settings.models)  # a missing model fails before the rendering
@@ -150,9 +154,21 @@ def look_for(
     for object_id, closer in _look_closer(scene, cameras, pictures, detector, texts, settings, progress).items():
         whole = found.get(object_id, {})
         found[object_id] = {name: max(whole.get(name, 0.0), closer.get(name, 0.0)) for name in {**whole, **closer}}
+    found = _probabilities(found, load_name_model(labelling.detector, settings.models))
     regions = sum(1 for view_regions in labelling.regions for region in view_regions.votes if region)
     _tell(progress, 0, 1, 1, f"{regions} found in {len(used)} views, {votes.unmatched} of them no object's")
     return Sightings(tuple(texts), used_names, found, regions, votes.unmatched, paint is None)
+
+
+def _probabilities(scores: Mapping[int, Mapping[str, float]], model: NameModel | None) -> dict[int, dict[str, float]]:
+    """Probabilities of texts, by object id, from their mean scores."""
+    texts = sorted({text for found in scores.values() for text in found})
+    rows = np.array([[0.0, *(found.get(text, 0.0) for text in texts)] for found in scores.values()])
+    probabilities = name_probability(rows.reshape(-1, len(texts) + 1), texts, model)
+    return {
+        object_id: {text: float(sure) for text, sure in zip(texts, row[1:], strict=True) if sure > 0}
+        for object_id, row in zip(scores, probabilities, strict=True)
+    }
 
 
 def _look_closer(
@@ -196,7 +212,7 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
     The result has no version name. `index` may be a later version than was searched: objects that it lacks get no name.
     """
     before = index.objects.scene
-    added = add_names(before.objects, sightings.found, name_probability=settings.look_again.name_probability)
+    added = add_names(before.objects, sightings.found, name_probability=NAMED_FROM)
     scene, table = before, []
     for obj in added.objects.table:
         if obj.id in added.named:

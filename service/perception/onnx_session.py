@@ -20,8 +20,21 @@ Contract = tuple[Mapping[str, Shape], Mapping[str, Shape]]
 """Inputs and outputs by name."""
 
 
+_CUDA = "CUDAExecutionProvider"
+_providers = ["CPUExecutionProvider"]
+
+
+def use_backend(backend: str) -> None:
+    """Opens sessions from now on where training runs.
+
+    That is on the GPU for "cuda", if this onnxruntime can, else on the CPU.
+    """
+    on_gpu = backend == "cuda" and _CUDA in onnxruntime.get_available_providers()
+    _providers[:] = [*([_CUDA] if on_gpu else []), "CPUExecutionProvider"]
+
+
 def open_session(path: Path, *, name: str, threads: int = 0, inner: Sequence[str] = ()) -> onnxruntime.InferenceSession:
-    """Opens a CPU session of an `.onnx` or `.ort` file.
+    """Opens a session of an `.onnx` or `.ort` file, see `use_backend`.
 
     Args:
         threads: of one run; 0: all cores.
@@ -46,7 +59,7 @@ def open_session(path: Path, *, name: str, threads: int = 0, inner: Sequence[str
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
         model = path.read_bytes() + _outputs(inner) if inner else str(path)
-        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(model, options, providers=_providers)
     except Exception as error:  # onnxruntime raises a dozen unrelated types for a file it cannot read
         raise ModelUnavailableError(
             f"model {name}: {path.name} is damaged or not an ONNX model ({str(error).splitlines()[0][:200]})",

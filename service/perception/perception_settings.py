@@ -9,6 +9,9 @@ from pydantic import Field
 
 from fastsplat.service.common.setting_groups import Options, SettingGroup
 
+_USUAL_THRESHOLDS: Mapping[str, float] = {"grounding_dino": 0.3, "owlv2": 0.1, "owlvit": 0.1, "yolo_world": 0.15}
+"""Scores from which detections count in public examples of open-set detectors, by adapter."""
+
 
 class PerceptionOptions(Options):
     """When detections, tags and masks count."""
@@ -79,8 +82,9 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     """What detectors are asked for where a scene's makers promise that no people are stored (`privacy`)."""
     mover_words: tuple[str, ...] = ("person", "cat", "dog")
     """What detectors are asked for where what moves is to be left out (`movers`)."""
-    open_score_threshold: float = Field(0.3, ge=0, le=1)
-    """As `score_threshold`, for the open-set detector: 0.3 is GroundingDINO's threshold, YOLO-World's lower (0.15)."""
+    open_score_threshold: float | None = Field(None, ge=0, le=1)
+    """As `score_threshold`, for the open-set detector. Empty: as its public examples have it, 0.3 of a Grounding DINO,
+    0.1 of an OWL-ViT or OWLv2, 0.15 of a YOLO-World."""
     max_views: int = Field(0, ge=0)
     """Views that perception looks at, evenly spread; the rest stay undetected. 0: all."""
     proposal_views: int = Field(16, ge=0)
@@ -89,7 +93,7 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     @property
     def open_score_floor(self) -> float:
         """As `score_floor`, for the open-set detector: two thirds of its threshold."""
-        return self.open_score_threshold * 2 / 3
+        return self._open_threshold * 2 / 3
 
     def with_models(self, names: Mapping[str, str]) -> PerceptionSettings:
         """These settings with chosen models by role, except where a model is set."""
@@ -98,5 +102,13 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
 
     def of_open_set(self) -> PerceptionSettings:
         """These settings with the open-set detector's thresholds in the place of the closed-set detector's."""
-        scores = {"score_threshold": self.open_score_threshold, "score_floor": self.open_score_floor}
+        scores = {"score_threshold": self._open_threshold, "score_floor": self.open_score_floor}
         return self.model_copy(update=scores)
+
+    @property
+    def _open_threshold(self) -> float:
+        if self.open_score_threshold is not None:
+            return self.open_score_threshold
+        from fastsplat.service.perception.models.model_manifest import find_model  # settings alone do without
+
+        return _USUAL_THRESHOLDS[find_model(self.open_set_detector, "open_set_detector")[0]]

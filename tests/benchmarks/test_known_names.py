@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.calibration.fit_names import Named, fitted
 from benchmarks.known_names.__main__ import FoundRoom, count_suggestions, examples, one_kind_each, summed
+from fastsplat.service.jobs.detector_calibration import NamedObject, fit_name_model
 from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 
@@ -48,16 +48,16 @@ def test_one_kind_at_a_time_has_at_most_three_examples() -> None:
     assert summed([{"right": 1, "nameable": 2}, {"right": 3, "nameable": 4}]) == {"right": 4, "nameable": 6}
 
 
-def _alike(count: int, group: str, name: str, *, right: bool) -> list[Named]:
-    return [Named(group, name, name, 0.7, right)] * count
+def _alike(count: int, group: str, name: str, *, right: bool) -> list[NamedObject]:
+    return [NamedObject(group, name, name, 0.7, right)] * count
 
 
 def test_objects_of_one_set_and_name_weigh_as_the_root_of_their_number() -> None:
     """The nine books of one shelf count as three books of three rooms do."""
     desks = [*_alike(1, "desk-1", "cup", right=False), *_alike(1, "desk-2", "book", right=False)]
-    shelf = fitted([*desks, *_alike(9, "shelf-1", "book", right=True)], "detector")
+    shelf = fit_name_model([*desks, *_alike(9, "shelf-1", "book", right=True)], "detector")
     rooms = [obj for number in range(3) for obj in _alike(1, f"shop-{number}", "book", right=True)]
-    apart = fitted([*desks, *rooms], "detector")
+    apart = fit_name_model([*desks, *rooms], "detector")
     assert (shelf.factor, shelf.offset) == pytest.approx((apart.factor, apart.offset), abs=0.01)
     assert shelf.categories["book"].offset == pytest.approx(apart.categories["book"].offset, abs=0.01)
     assert (shelf.categories["book"].objects, apart.categories["book"].objects) == (10, 4)

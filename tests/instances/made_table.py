@@ -9,6 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from fastsplat.service.instances.naming.name_models import NameModel, save_name_model
+from fastsplat.service.perception.models.model_files import installed_digests
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.scene.artefact.scene import SH_C0, Object, Objects, Scene, SceneFacts
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
@@ -61,3 +63,14 @@ def made_table(folder: Path, frames: Sequence[int], encoder: TextEncoder) -> tup
         facts=SceneFacts(searched_names=80, searched_for=tuple(f"name {number}" for number in range(80))),
     )
     return scene, objects
+
+
+def measured_detector(models_dir: Path, models: Path, detector: str) -> Path:
+    """The models, with a measurement by which a detector's evidence is about a probability."""
+    for path in models_dir.glob("*/*"):
+        (models / path.parent.name).mkdir(parents=True, exist_ok=True)
+        (models / path.relative_to(models_dir)).symlink_to(path)
+    folder = models / detector.rpartition(":")[2]
+    digests = installed_digests(folder, name=folder.name)
+    save_name_model(NameModel(detector=detector, sha256=digests, sets=(), factor=1, offset=0.6, categories={}), models)
+    return models

@@ -15,10 +15,10 @@ from fastsplat.service.capture.build import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.instances.discovery.discovery import Discovery, discover_objects
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
+from fastsplat.service.instances.naming.name_models import default_name_model
 from fastsplat.service.instances.naming.naming import (
     NAMED_FROM,
     NameVotes,
-    name_model,
     name_objects,
     name_probability,
 )
@@ -38,7 +38,7 @@ from tests.looks_model import MODEL, write_looks_model
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
 UP = np.array([0.0, 0.0, 1.0])
-DETECTOR = name_model().detector
+MEASURED = default_name_model()
 PERCEPTION = PerceptionSettings(min_pixels=8, closer_look=False)
 
 Masks = tuple[ViewMasks | None, ...]
@@ -190,22 +190,23 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks)
         ids[label_map == 2], ids[label_map == 4] = 1, 2
         regions.append(Regions(ids, (((1 + number % 2, 0.9),), ((3, 0.8),))))
     maps = tuple(np.zeros_like(label_map) for label_map in room.maps)
-    labelling = Labelling(dictionary_of(("ball", "apple", "orange")), maps, regions=tuple(regions), detector=DETECTOR)
-    objects, _ = find_scene_objects(room.gaussians, room.capture, labelling, masks, SETTINGS)
+    labelling = Labelling(dictionary_of(("ball", "apple", "orange")), maps, regions=tuple(regions))
+    found = find_scene_objects(room.gaussians, room.capture, labelling, masks, SETTINGS, name_model=MEASURED)
+    objects, _ = found
     by_id = {obj.id: obj for obj in objects.table}
     best = _overlaps(objects, room.owner)
     red, blue, green = (by_id[best[number][0]] for number in (1, 3, 2))
     assert red.name == "" and {guess.name for guess in red.suggestions} == {"ball", "apple"}
     assert blue.name == "orange" and blue.source == "detected" and blue.probability >= NAMED_FROM
     assert green.name == "" and green.suggestions == ()
-    doubted, _ = find_scene_objects(room.gaussians, room.capture, replace(labelling, detector="x"), masks, SETTINGS)
+    doubted, _ = find_scene_objects(room.gaussians, room.capture, labelling, masks, SETTINGS)
     assert not any(obj.name for obj in doubted.table) and any(obj.suggestions for obj in doubted.table)
 
 
 def test_a_name_by_a_person_outlives_votes() -> None:
     objects = Objects((Object(1, "Fritz", "person", 1.0), Object(2)), no_evidence(3))
     votes = NameVotes(np.array([[0.0, 5.0], [0.0, 5.0]]), np.array([5.0, 5.0]))
-    named = name_objects(objects, votes, ("cup",), "detected", DETECTOR)
+    named = name_objects(objects, votes, ("cup",), "detected", MEASURED)
     assert [obj.name for obj in named.table] == ["Fritz", "cup"]
 
 
@@ -214,8 +215,8 @@ def test_a_name_by_a_person_outlives_votes() -> None:
 def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], able: float) -> None:
     votes = NameVotes(np.array([[0.0, *scores]]), np.array([able]))
     objects = Objects((Object(1),), no_evidence(3))
-    (obj,) = name_objects(objects, votes, ("a", "b", "c", "d"), "detected", DETECTOR).table
-    probability = name_probability(votes.mean_scores, ("a", "b", "c", "d"), DETECTOR)[0, 1:]
+    (obj,) = name_objects(objects, votes, ("a", "b", "c", "d"), "detected", MEASURED).table
+    probability = name_probability(votes.mean_scores, ("a", "b", "c", "d"), MEASURED)[0, 1:]
     assert bool(obj.name) == (probability.max() >= NAMED_FROM)
     if obj.name:
         assert obj.probability == pytest.approx(probability.max())

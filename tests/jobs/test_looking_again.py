@@ -20,7 +20,7 @@ from fastsplat.service.scene.objects.objects import discard_object
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import CancelledError, ModelUnavailableError
 from fastsplat_contract.geometry.camera import PosedCamera
-from tests.instances.made_table import made_table
+from tests.instances.made_table import made_table, measured_detector
 
 _WORDS = {  # what the label table of the development machine calls these
     "red scissors": "scissors", "magnifying glass": "hand glass", "ramekin": "bowl", "cereal box": "carton",
@@ -29,16 +29,17 @@ _WORDS = {  # what the label table of the development machine calls these
 Table = tuple[SceneIndex, dict[int, str]]
 Looked = tuple[Sightings, list[ProgressEvent]]
 _DETECTOR = PerceptionSettings(
-    open_set_detector="yolo_world:yolo_world_s", prompt_encoder="label_table:clip_text_vocab", open_score_threshold=0.15
+    open_set_detector="yolo_world:yolo_world_s", prompt_encoder="label_table:clip_text_vocab"
 )
 
 
 @pytest.fixture(scope="module")
-def settings(models_dir: Path) -> Settings:
+def settings(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Settings:
     if not (models_dir / "yolo_world_s").is_dir():
         pytest.skip("evaluation weights are not there")
+    models = measured_detector(models_dir, tmp_path_factory.mktemp("models"), _DETECTOR.open_set_detector)
     look_again = LookAgainOptions(views=4, closer_views=2)
-    return Settings(models=models_dir, perception=_DETECTOR, look_again=look_again)
+    return Settings(models=models, perception=_DETECTOR, look_again=look_again)
 
 
 @pytest.fixture(scope="module")

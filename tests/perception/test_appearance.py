@@ -7,9 +7,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import onnxruntime
 import pytest
 
 from fastsplat.service.capture.formats.image_io import load_rgb
+from fastsplat.service.perception import onnx_session
 from fastsplat.service.perception.appearance import (
     SIZE,
     AppearanceEncoder,
@@ -83,3 +85,21 @@ def test_values_inside_a_network_become_outputs_by_their_names(tmp_path: Path) -
     assert np.array_equal(first, -x) and np.allclose(exponential, np.exp(-x)) and np.array_equal(y, abs(x))
     with pytest.raises(ModelUnavailableError, match=r"n\.onnx"):
         open_session(network, name="n", inner=("nothing",))
+
+
+@pytest.mark.parametrize(
+    ("backend", "built", "first"), [("cuda", True, "CUDA"), ("cuda", False, "CPU"), ("cpu", True, "CPU")]
+)
+def test_networks_run_where_training_does_if_they_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: str, built: bool, first: str
+) -> None:
+    """A GPU is not at hand: what onnxruntime was built for and what it is asked for are read instead."""
+    network = write_network(tmp_path / "n.onnx", "n (float[1] x) => (float[1] y) {y = Abs (x)}")
+    asked: list[list[str]] = []
+    providers = ["CUDAExecutionProvider"] * built + ["CPUExecutionProvider"]
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: providers)
+    monkeypatch.setattr(onnxruntime, "InferenceSession", lambda *_, providers: asked.append(list(providers)))
+    monkeypatch.setattr(onnx_session, "_providers", [])
+    onnx_session.use_backend(backend)
+    open_session(network, name="n")
+    assert asked[0][0] == f"{first}ExecutionProvider" and asked[0][-1] == "CPUExecutionProvider"

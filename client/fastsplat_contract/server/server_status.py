@@ -33,7 +33,7 @@ class ModelStatus(Response):
         Field(
             description="of a text encoder: whether its scores were measured, so that answers have probabilities; of a "
             "lexicon that is ready: whether it was measured together with the text encoder, so that answers use it; of "
-            "an image-text model that is ready: whether it was measured, so that answers use it"
+            "an image-text model or open-set detector that is ready: whether it was measured, so that it names objects"
         ),
     ]
 

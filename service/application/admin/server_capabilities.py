@@ -150,11 +150,24 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
             calibrated = found is not None
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
-    if role == "image_text" and ready:
-        from fastsplat.service.query.phrases.looks_files import is_measured
-
-        calibrated = is_measured(name, settings.models)
+    if role in ("image_text", "open_set_detector") and ready:
+        calibrated = _is_measured(name, role, settings.models)
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
+
+
+def _is_measured(name: str, role: ModelRole, models: Path) -> bool | None:
+    """True if a model's stored calibration was not refused; None if it is damaged. The model is not opened."""
+    from fastsplat.service.instances.naming.name_models import STORED, NameModel  # as in `Admin`
+    from fastsplat.service.perception.models.model_manifest import find_model
+    from fastsplat.service.query.phrases.object_looks import Calibration
+
+    kind = Calibration if role == "image_text" else NameModel
+    try:
+        return kind.model_validate_json((models / find_model(name, role)[1] / STORED).read_text("utf-8")).measured
+    except FileNotFoundError:
+        return False
+    except (ValueError, OSError):
+        return None
 
 
 def weighed_with_encoder(settings: Settings) -> bool:

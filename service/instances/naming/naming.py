@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 
-from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.common.logistic import logistic
+from fastsplat.service.instances.naming.name_models import NameModel
 from fastsplat.service.perception.results import Regions
 from fastsplat.service.scene.artefact.scene import NameSource, Object, Objects
 from fastsplat.service.scene.artefact.suggestions import Suggestion
@@ -37,12 +32,6 @@ _SUGGESTIONS = 3
 LEAST_SUGGESTED = 0.05
 """Least probability of a suggestion."""
 
-FILE = Path(__file__).with_name("name_calibration.json")
-"""Written by `benchmarks.calibration.fit_names`, which documents the measurement."""
-
-_CERTAIN = 0.98  # evidence is clipped to this and its complement
-_CLEAR = 0.6  # below this evidence, probability is at most `_UNCLEAR_AT_MOST`
-_UNCLEAR_AT_MOST = 0.9
 _UNMEASURED_AT_MOST = 0.5  # probability by a detector whose scores were not measured, which so suggests only
 
 
@@ -103,14 +92,14 @@ def count_votes(
 
 
 def name_objects(
-    objects: Objects, votes: NameVotes, names: Sequence[str], source: NameSource, detector: str
+    objects: Objects, votes: NameVotes, names: Sequence[str], source: NameSource, model: NameModel | None
 ) -> Objects:
     """Names objects from `NAMED_FROM`, otherwise suggests; names given by persons stay.
 
     The probability is `name_probability`; for exact label maps it is the share of views.
     """
     scores = votes.mean_scores
-    probability = scores if source == "given" else name_probability(scores, names, detector)
+    probability = scores if source == "given" else name_probability(scores, names, model)
     table = tuple(
         obj if obj.source == "person" else _named(obj, row, names, source)
         for obj, row in zip(objects.table, probability, strict=True)
@@ -133,43 +122,6 @@ def _named(obj: Object, row: F64, names: Sequence[str], source: NameSource) -> O
     return replace(obj, name=best, source=source, probability=sure, suggestions=rivals)
 
 
-class NameCategory(BaseModel):
-    """A name of the detector."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    offset: float  # of the logit, relative to other names
-    objects: int  # measured objects with this as their best name
-    right: int  # of these, correctly named
-
-
-class NameModel(BaseModel):
-    """Logistic model of p from evidence e, limited to 0.9 if e < 0.6.
-
-    p = 1 / (1 + exp(−(factor · ln(e / (1 − e)) + offset + the category's offset)))
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    detector: str
-    sets: tuple[str, ...]  # sources of the measured objects
-    factor: float
-    offset: float
-    categories: Mapping[str, NameCategory]  # by `label_key` of the name; others have an offset of 0
-
-    def probability(self, evidence: F64, names: Sequence[str]) -> F64:
-        """float64 [T, N], 0..1, of evidence [T, N] for N names."""
-        offsets = [category.offset if (category := self.categories.get(label_key(name))) else 0.0 for name in names]
-        probability = logistic(self.factor * evidence_logit(evidence) + self.offset + np.array(offsets, np.float64))
-        return np.where(evidence < _CLEAR, np.minimum(probability, _UNCLEAR_AT_MOST), probability)
-
-
-def evidence_logit(evidence: F64) -> F64:
-    """Returns ln(e / (1 − e)) of evidence, clipped away from 0 and 1."""
-    inside = np.clip(evidence, 1 - _CERTAIN, _CERTAIN)
-    return np.asarray(np.log(inside / (1 - inside)))
-
-
 def name_evidence(scores: F64) -> F64:
     """Evidence of labels, [T, N + 1], 0..1, from `NameVotes.mean_scores`.
 
@@ -179,28 +131,18 @@ def name_evidence(scores: F64) -> F64:
     return np.asarray(scores * np.divide(scores, total, out=np.zeros_like(scores), where=total > 0))
 
 
-def is_calibrated(detector: str) -> bool:
-    """True if a detector is the one whose scores were measured."""
-    return detector == name_model().detector
-
-
-def name_probability(scores: F64, names: Sequence[str], detector: str) -> F64:
+def name_probability(scores: F64, names: Sequence[str], model: NameModel | None) -> F64:
     """Calibrated probability of labels, float64 [T, N + 1], 0..1; 0 without votes.
 
-    Of another detector than the measured one it is the evidence, at most one half.
+    Of a detector that was not measured, or is no better than chance, it is the evidence, at most one half.
 
     Args:
         scores: see `name_evidence`; [:, 0] is 0.
         names: of labels 1..N.
+        model: of the detector.
     """
     evidence = name_evidence(scores)
-    if not is_calibrated(detector):
+    if model is None or not model.measured:
         return np.minimum(evidence, _UNMEASURED_AT_MOST)
-    evidence[:, 1:] = name_model().probability(evidence[:, 1:], names)
+    evidence[:, 1:] = model.probability(evidence[:, 1:], names)
     return np.where(scores > 0, evidence, 0.0)
-
-
-@cache
-def name_model() -> NameModel:
-    """Loads the model from `FILE`."""
-    return NameModel.model_validate(json.loads(FILE.read_text()))

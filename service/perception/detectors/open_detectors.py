@@ -70,12 +70,22 @@ def check_open_set_detector(settings: PerceptionSettings) -> None:
 
 def check_texts_known(texts: Sequence[str], settings: PerceptionSettings, models: Path, *, field: str) -> None:
     """Raises `InvalidInputError`, for `field`, that names texts missing in a configured label table."""
-    if not settings.open_set_detector or not settings.prompt_encoder:
-        return
-    adapter, inside = find_model(settings.prompt_encoder, "text_encoder")
-    if adapter == "label_table":
-        name = settings.prompt_encoder
-        LabelTable(only_table(models / inside, name=name), name=name).check_known(texts, field)
+    if table := _label_table(settings, models):
+        table.check_known(texts, field)
+
+
+def known_texts(texts: Sequence[str], settings: PerceptionSettings, models: Path) -> tuple[str, ...]:
+    """Texts that the open-set detector can look for: all, unless a label table embeds them."""
+    table = _label_table(settings, models)
+    return tuple(text for text in texts if table is None or table.knows(text))
+
+
+def _label_table(settings: PerceptionSettings, models: Path) -> LabelTable | None:
+    name = settings.prompt_encoder
+    if not settings.open_set_detector or not name:
+        return None
+    adapter, inside = find_model(name, "text_encoder")
+    return LabelTable(only_table(models / inside, name=name), name=name) if adapter == "label_table" else None
 
 
 CLOSED_SET_DETECTORS: Mapping[Adapter, type[PicoDet]] = {"picodet": PicoDet}

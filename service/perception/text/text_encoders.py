@@ -169,10 +169,13 @@ class LabelTable:
         rows = [self._rows[label_key(text)] for text in texts]
         return np.asarray(self._embeds[rows], np.float32)
 
+    def knows(self, text: str) -> bool:
+        """True if the table has an embedding of a text."""
+        return label_key(text) in self._rows
+
     def check_known(self, texts: Sequence[str], field: str) -> None:
         """Raises `InvalidInputError`, for `field`, that names the texts missing in the table."""
-        unknown = [text for text in texts if label_key(text) not in self._rows]
-        if unknown:
+        if unknown := [text for text in texts if not self.knows(text)]:
             raise InvalidInputError(
                 f"the label table {self.name} does not know: {', '.join(unknown)}",
                 field=field,

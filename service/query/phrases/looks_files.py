@@ -59,15 +59,5 @@ def find_looks(settings: PerceptionSettings, models: Path) -> LooksModel | None:
     return load_calibration(open_image_text(settings, models), models)
 
 
-def is_measured(name: str, models: Path) -> bool | None:
-    """True if a model's stored calibration was not refused; None if it is damaged. The model is not opened."""
-    try:
-        return Calibration.model_validate_json((_folder(name, models) / FACTS).read_text("utf-8")).measured
-    except FileNotFoundError:
-        return False
-    except (ValueError, OSError):
-        return None
-
-
 def _folder(name: str, models: Path) -> Path:
     return models / find_model(name, "image_text")[1]

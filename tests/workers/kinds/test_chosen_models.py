@@ -96,14 +96,15 @@ def test_a_word_is_looked_for_once_models_for_it_are_used(
         client.create_scene(photos, options=SceneOptions(labels=(WORD,)))
     hub.cut = "-"
     used = invoke("models", "use", "open-vocabulary", "--manifest", str(manifest))
-    assert used.exit_code == 0 and all(said in used.output for said in ("MIT", FIRST, "is not calibrated")), used.output
+    assert used.exit_code == 0 and used.output.count("is not calibrated") == 2, used.output
+    assert "MIT" in used.output and FIRST in used.output
     states = {model.role: (model.name, model.state) for model in client.server_status().models}
     assert states["open_set_detector"] == ("grounding_dino:finder", "ready")
     assert states["image_text"] == ("clip:looks", "ready")
     found = client.wait(client.look_again(before, WORD).id)
     assert found.state == "SUCCEEDED", found.error
     after = _trained(client, photos, WORD)
-    assert [_outcome(client, scene_id) for scene_id in (before, after)] == ["here", "probably_here"]  # uncalibrated
+    assert [_outcome(client, scene_id) for scene_id in (before, after)] == ["probably_here"] * 2  # uncalibrated
     assert invoke("models", "use", "default").exit_code == 0
     with pytest.raises(InvalidInputError):
         client.create_scene(photos, options=SceneOptions(labels=(WORD,)))

@@ -23,7 +23,7 @@ from fastsplat_contract.jobs.look_again import LookAgainIn
 from fastsplat_contract.jobs.operations import Operation
 from fastsplat_contract.messages.scenes import SceneVersion
 from tests.commands import invoke
-from tests.instances.made_table import made_table
+from tests.instances.made_table import made_table, measured_detector
 from tests.scenes import store_scene
 from tests.workers.deployment import Deployment, new_database
 
@@ -173,7 +173,6 @@ _ROOT = Path(__file__).parent.parent.parent.parent
 _PERCEPTION = {
     "open_set_detector": "yolo_world:yolo_world_s",
     "prompt_encoder": "label_table:clip_text_vocab",
-    "open_score_threshold": 0.15,
 }
 
 # That it looks at one view is no setting of a server.
@@ -193,7 +192,8 @@ def service(tmp_path: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch) -
     if not (models_dir / "yolo_world_s").is_dir():
         pytest.skip("evaluation weights are not there")
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
-    monkeypatch.setenv("FASTSPLAT_MODELS", str(models_dir))
+    models = measured_detector(models_dir, tmp_path / "models", _PERCEPTION["open_set_detector"])
+    monkeypatch.setenv("FASTSPLAT_MODELS", str(models))
     monkeypatch.setenv("FASTSPLAT_PERCEPTION", json.dumps(_PERCEPTION))
     monkeypatch.setenv("FASTSPLAT_JOBS", json.dumps({"niceness": 0}))  # a busy machine must not keep the test waiting
     load_settings.cache_clear()
