@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import Annotated
 
-from fastsplat_client.assistant.tools import resolve_scene
+import numpy as np
+from mcp.server.mcpserver import Image
+from numpy.typing import NDArray
+from pydantic import Field
+
+from fastsplat_client.assistant.tools import Point, SceneName, resolve_scene
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
@@ -20,24 +24,13 @@ _FREE_ANGLE = np.deg2rad(60.0)
 
 def look_from(
     client: Client,
-    scene: str,
-    object_id: int,
-    view: str,
-    position: tuple[float, float, float] | None,
-    target: tuple[float, float, float] | None,
-) -> bytes:
-    """A JPEG of a scene, with `object_id` (0 for none) tinted orange.
-
-    Args:
-        client: whom to ask.
-        scene: id or name; "" for the only one.
-        object_id: what to show; without a viewpoint it is seen from the camera that shows it best.
-        view: name of one of the scene's own cameras.
-        position, target: instead of `view`, where to stand and what to look at, world frame.
-
-    Raises:
-        InvalidInputError: no viewpoint, two of them, or one that looks nowhere.
-    """
+    object_id: Annotated[int, Field(ge=0, le=65535, description="id of an object to tint orange; 0: none")] = 0,
+    view: Annotated[str, Field(description="name of one of the scene's photos to look from")] = "",
+    position: Annotated[Point | None, Field(description="x, y, z to stand at, instead of view")] = None,
+    target: Annotated[Point | None, Field(description="x, y, z to look at, with position")] = None,
+    scene: SceneName = "",
+) -> Image:
+    """A picture of the scene: from where an object is seen best, from one of its photos, or from any place."""
     scene_info = resolve_scene(client, scene)
     if (position is None) != (target is None) or (view and position is not None):
         raise InvalidInputError(
@@ -60,9 +53,10 @@ def look_from(
     else:
         viewpoint = _reduced(scene_info.cameras[0])
     tints = [Tint((object_id,), _HIGHLIGHT, 0.55)] if object_id else []
-    return client.picture(
+    jpeg = client.picture(
         scene_info.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if object_id else 0.0
     )
+    return Image(data=jpeg, format="jpeg")
 
 
 def free_view(position: NDArray[np.float64], target: NDArray[np.float64], up: NDArray[np.float64]) -> PosedCamera:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from mcp.server.mcpserver import Image
+from mcp_types import CallToolResult, TextContent
 from pydantic import ConfigDict, Field
+from pydantic_core import to_jsonable_python
 
 from fastsplat_client.assistant.tool_results import Point, Unit, point
-from fastsplat_client.assistant.tools import SCENE_ID, resolve_scene
+from fastsplat_client.assistant.tools import SCENE_ID, SceneName, resolve_scene
 from fastsplat_client.client import Client
 from fastsplat_contract import calls
 from fastsplat_contract.jobs.name_suggestions import SuggestedName
@@ -88,17 +91,13 @@ class Suggested:
     version: str
 
 
-def unnamed_objects(client: Client, page: str, scene: str) -> tuple[bytes, UnnamedObjects]:
-    """A JPEG of at most 20 objects without a name, b"" where there is none to show, and what it shows.
-
-    Args:
-        client: whom to ask.
-        page: "" or `UnnamedObjects.next_page` of the page before.
-        scene: id or name; "" for the only one.
-
-    Raises:
-        InvalidInputError: no page of this scene is called so.
-    """
+def unnamed_objects(
+    client: Client,
+    page: Annotated[str, Field(description="next_page of the answer before; empty: the first")] = "",
+    scene: SceneName = "",
+) -> Annotated[CallToolResult, UnnamedObjects]:
+    """A picture of up to 20 objects that have no name, each outlined and numbered, with their ids, sizes and
+    neighbors. Say what you recognize by suggest_names, then ask for the next page."""
     scene_id = _resolved(client, scene)
     sheet = client.call(calls.GET_CONTACT_SHEET, GetContactSheetRequest(scene_id, page_token=page))
     objects = [
@@ -116,19 +115,27 @@ def unnamed_objects(client: Client, page: str, scene: str) -> tuple[bytes, Unnam
         for obj in sheet.objects
     ]
     unit: Unit = "m" if sheet.meters else "scene units"
-    return sheet.picture, UnnamedObjects(scene_id, unit, objects, list(sheet.unseen), sheet.next_page_token)
+    listed = UnnamedObjects(scene_id, unit, objects, list(sheet.unseen), sheet.next_page_token)
+    plain = to_jsonable_python(listed)
+    text = TextContent(type="text", text=json.dumps(plain, ensure_ascii=False))
+    pictures = [Image(data=sheet.picture, format="jpeg").to_image_content()] if sheet.picture else []
+    return CallToolResult(content=[*pictures, text], structured_content=plain)
 
 
-def suggest_names(client: Client, names: Sequence[NameGuess], source: str, model: str, scene: str) -> Suggested:
-    """A new version of the scene in which these names are suggested: no object bears them until a person says so.
-
-    Args:
-        client: whom to ask.
-        names: 1 to 1,000; they replace what the source said of these objects before.
-        source: who says so.
-        model: of the source; "" where it is not told.
-        scene: id or name; "" for the only one.
-    """
+def suggest_names(
+    client: Client,
+    names: Annotated[
+        list[NameGuess],
+        Field(min_length=1, max_length=1_000, description="what you recognize; nothing of objects that you do not"),
+    ],
+    source: Annotated[
+        str, Field(min_length=1, max_length=60, description="who you are, the same in every call: your product's name")
+    ],
+    model: Annotated[str, Field(description="your model and its version, if you know them")] = "",
+    scene: SceneName = "",
+) -> Suggested:
+    """Suggest names for objects by what you see in pictures of them. They can be asked for, and are shown as yours;
+    an object bears one only after a person confirmed it. What you said of an object before is replaced."""
     scene_id = _resolved(client, scene)
     suggestions = [
         SuggestedName(guess.object_id, guess.name, guess.probability, source, model, tuple(guess.aliases))

@@ -1,4 +1,8 @@
-"""Tools of an assistant as functions over a `Client`; a scene is given by id or name, or left out if alone."""
+"""Tools of an assistant as functions over a `Client`; `server` offers them.
+
+Their docstrings and the descriptions of their parameters are for a model that has never seen the service. A scene is
+given by id or name, or left out if alone.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,10 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import islice
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from fastsplat_client.assistant import tool_results
 from fastsplat_client.assistant.tool_results import brief_of, plain, point
@@ -31,10 +36,19 @@ _MOST_OBJECTS = 100
 _MOST_IDS = 500
 _MOST_WITNESSES = 20
 _BELOW_1 = math.nextafter(1.0, 0.0)
+_MOST_ID = 65_535
 SCENE_ID = re.compile("[0-9a-f]{32}")
 
 _ALONG = float(np.cos(np.radians(0.1)))
 """Cosine of the angle within which an axis is said to be the vertical."""
+
+
+SceneName = Annotated[
+    str, Field(max_length=200, description="id or name of the scene; may be left out where only one is ready")
+]
+_Coordinate = Annotated[float, Field(allow_inf_nan=False)]
+Point = tuple[_Coordinate, _Coordinate, _Coordinate]
+_Object = Annotated[int, Field(ge=0, le=_MOST_ID, description="id of an object, as other tools return it")]
 
 
 def resolve_scene(client: Client, scene: str) -> Scene:
@@ -66,7 +80,7 @@ def resolve_scene(client: Client, scene: str) -> Scene:
 
 
 def list_scenes(client: Client) -> tool_results.Scenes:
-    """The scenes of the project, newest first."""
+    """Scenes of the project, newest first, with state (only READY ones can be asked), unit of length and date."""
     every = list(client.scenes())
     scenes = [
         tool_results.SceneInList(
@@ -82,8 +96,8 @@ def list_scenes(client: Client) -> tool_results.Scenes:
     return tool_results.Scenes(scenes, len(every) - len(scenes))
 
 
-def describe_scene(client: Client, scene: str) -> tool_results.SceneDescription:
-    """What is in a scene, its extent and units, and how far it can be relied on."""
+def describe_scene(client: Client, scene: SceneName = "") -> tool_results.SceneDescription:
+    """What a scene holds: names with counts, unnamed objects, extent, unit of length, what is up, and its grade."""
     target = resolve_scene(client, scene)
     objects = list(client.objects(target.id, version=target.version))
     names = Counter(obj.name for obj in objects if obj.name)
@@ -107,8 +121,13 @@ def describe_scene(client: Client, scene: str) -> tool_results.SceneDescription:
     )
 
 
-def list_objects(client: Client, scene: str, name: str, limit: int) -> tool_results.Objects:
-    """Objects by id; with a name, those that bear it."""
+def list_objects(
+    client: Client,
+    scene: SceneName = "",
+    name: Annotated[str, Field(description="only objects that bear this name; empty: all")] = "",
+    limit: Annotated[int, Field(ge=1, le=500, description="at most so many")] = 100,
+) -> tool_results.Objects:
+    """Objects of a scene with id, name, probability of the name, center and size."""
     target = resolve_scene(client, scene)
     bearing = [obj for obj in client.objects(target.id) if not name or obj.name.casefold() == name.casefold()]
     return tool_results.Objects(
@@ -121,13 +140,16 @@ def list_objects(client: Client, scene: str, name: str, limit: int) -> tool_resu
 
 
 def pick_object(
-    client: Client, view: str, x: float, y: float, level: AskedLevel, scene: str
+    client: Client,
+    view: Annotated[str, Field(description="name of one of the scene's photos")],
+    x: Annotated[float, Field(ge=0, le=1, description="from the left edge 0 to the right edge 1")],
+    y: Annotated[float, Field(ge=0, le=1, description="from the upper edge 0 to the lower edge 1")],
+    level: Annotated[
+        AskedLevel, Field(description="a part, the whole object, a group of objects, or what is likeliest meant")
+    ] = "likeliest",
+    scene: SceneName = "",
 ) -> tool_results.PickedBrief:
-    """What a photo shows at a place: `x` and `y` are shares of its width and height, from the upper left corner.
-
-    Raises:
-        NotFoundError: there is no such photo, or nothing there.
-    """
+    """Which object a photo shows at a place, which part of it is there, and in which group of objects it is."""
     target = resolve_scene(client, scene)
     posed = next((camera for camera in target.cameras if camera.name == view), None)
     if posed is None:
@@ -149,11 +171,14 @@ def pick_object(
     )
 
 
-def find(client: Client, text: str, scene: str) -> tool_results.Found:
-    """What answers a text in plain words, how many and where, or that nothing does.
-
-    The count is None where it cannot be decided.
-    """
+def find(
+    client: Client,
+    text: Annotated[str, Field(description="what is looked for, in plain words: a name, a kind, a use")],
+    scene: SceneName = "",
+) -> tool_results.Found:
+    """Is there such an object, what is it called here, where is it, how many are there ("cups on the table")? Also
+    by kind and use ("something to drink from"), and over time, where photos of other days are kept ("what moved
+    since Monday?", "when was the mug last seen?")."""
     target = resolve_scene(client, scene)
     answer = _ask(client, target.id, text)
     labels = [match.label for match in answer.matches if match.relevant]
@@ -185,12 +210,21 @@ def find(client: Client, text: str, scene: str) -> tool_results.Found:
     )
 
 
-def relations(client: Client, text: str, scene: str, view: str) -> tool_results.Related:
-    """Which objects stand as a text says, by measurements, or why that cannot be decided.
-
-    Raises:
-        InvalidInputError: the text says nothing but a name.
-    """
+def relations(
+    client: Client,
+    text: Annotated[
+        str,
+        Field(
+            description='a question about how or where objects are: "the mug left of the lamp", "what is on the '
+            'table?", "the largest book", "the second cup from the left"'
+        ),
+    ],
+    view: Annotated[
+        str, Field(description="name of the photo from whose place left, right, in front and behind are meant")
+    ] = "",
+    scene: SceneName = "",
+) -> tool_results.Related:
+    """Which objects stand in a relation, have a color or a size, by measurement; or why that cannot be decided."""
     target = resolve_scene(client, scene)
     answer = _ask(client, target.id, text, asker_view=view or None)
     phrase = answer.phrase
@@ -225,21 +259,37 @@ def relations(client: Client, text: str, scene: str, view: str) -> tool_results.
     )
 
 
-def measure(client: Client, first: int, second: int, scene: str) -> tool_results.Measured:
-    """The size of an object (`second` 0), or how far two objects are from each other."""
+def measure(
+    client: Client,
+    first: _Object,
+    second: Annotated[int, Field(ge=0, le=_MOST_ID, description="id of another object; 0: the size of the first")] = 0,
+    scene: SceneName = "",
+) -> tool_results.Measured:
+    """How far two objects are from each other, or how large one is, with 95 % intervals."""
     target = resolve_scene(client, scene)
     measured = client.measure(target.id, *((first, second) if second else (first,)))
     unit: tool_results.Unit = "m" if measured.meters else "scene units"
-    distance, sides = _interval_of(measured.distance), [_known_length(side) for side in measured.sides]
+    distance, between = (
+        None if length is None else _interval(length) for length in (measured.distance, measured.center_distance)
+    )
+    sides = [_interval(side) for side in measured.sides]
     if distance is not None:
         sentence = f"From object {first} to object {second} it is {_spoken(distance, unit)}."
     else:
         sentence = f"The box of object {first} is " + " by ".join(_spoken(side, unit) for side in sides) + "."
-    return tool_results.Measured(target.id, unit, distance, _interval_of(measured.center_distance), sides, sentence)
+    return tool_results.Measured(target.id, unit, distance, between, sides, sentence)
 
 
-def goal(client: Client, object_id: int, robot_radius: float, scene: str) -> tool_results.StandingPlace:
-    """Where a robot stands to see an object."""
+def goal(
+    client: Client,
+    object_id: Annotated[
+        int, Field(ge=1, le=_MOST_ID, description="id of the object to see, as other tools return it")
+    ],
+    robot_radius: Annotated[float, Field(gt=0, le=5, description="of the robot, meters")] = 0.2,
+    scene: SceneName = "",
+) -> tool_results.StandingPlace:
+    """Where a robot stands to see an object: the nearest free place on the floor, and which way to look. Refused
+    for scenes without meters, a known vertical or a floor, and where no such place was seen."""
     target = resolve_scene(client, scene)
     place = client.goal(target.id, object_id, robot_radius, version=target.version)
     x, y, _ = position = point(place.pose.position)
@@ -262,24 +312,31 @@ def goal(client: Client, object_id: int, robot_radius: float, scene: str) -> too
 
 
 def name_object(
-    client: Client, object_id: int, name: str, aliases: list[str], kinds: list[str], replaces: str, scene: str
+    client: Client,
+    object_id: _Object,
+    name: Annotated[str, Field(description="what the user calls it")],
+    aliases: Annotated[list[str] | None, Field(description="other names of the same")] = None,
+    kinds: Annotated[
+        list[str] | None, Field(description="what it is, of a name that does not say so: teddy bear, for Oskar")
+    ] = None,
+    replaces: Annotated[
+        str, Field(description="the name that it has now, where a person gave one and the user means to replace it")
+    ] = "",
+    scene: SceneName = "",
 ) -> tool_results.Named:
-    """A new version of the scene in which an object has a name; one that a person gave is replaced only where
-    `replaces` is that name.
-
-    Raises:
-        ConflictError: the object has another name, given by a person.
-    """
+    """Give an object its name, when the user says what it is; it is then found by that name and by its meaning."""
     target = resolve_scene(client, scene)
     looked_at = (
         target.version if replaces and _name_of(client, target, object_id) == replaces.strip().casefold() else ""
     )
-    version = client.name_objects(target.id, object_id, name, aliases=aliases, kinds=kinds, looked_at=looked_at)
+    version = client.name_objects(
+        target.id, object_id, name, aliases=aliases or (), kinds=kinds or (), looked_at=looked_at
+    )
     return tool_results.Named(target.id, object_id, name, version.version, version.asks_kind)
 
 
-def photograph_next(client: Client, scene: str) -> tool_results.NextPhotos:
-    """Where to stand for the photos that would help a scene most."""
+def photograph_next(client: Client, scene: SceneName = "") -> tool_results.NextPhotos:
+    """Where the user should stand for the photos that would improve the scene most."""
     target = resolve_scene(client, scene)
     places = [
         tool_results.NextPhotoPlace(photo.advice, photo.near, _rounded(photo.camera.world_from_camera[:3, 3]))
@@ -288,8 +345,8 @@ def photograph_next(client: Client, scene: str) -> tool_results.NextPhotos:
     return tool_results.NextPhotos(target.id, _unit_of(target), places)
 
 
-def scene_status(client: Client, scene: str) -> tool_results.JobStatus:
-    """How far the newest job of a scene is."""
+def scene_status(client: Client, scene: SceneName = "") -> tool_results.JobStatus:
+    """How far a scene's training is, how long it still takes, and why it failed if it did."""
     target = resolve_scene(client, scene)
     jobs = (operation for operation in client.operations() if operation.scene_id == target.id)
     job = next(jobs, None) or client.operation(target.operation_id)
@@ -342,7 +399,7 @@ def _located(client: Client, scene_id: str, obj: SceneObject, version: str) -> t
         obj.name,
         point(place.point),
         round(place.plus_minus, 4),
-        [_known_length(side) for side in measured.sides],
+        [_interval(side) for side in measured.sides],
         list(islice(obj.best_views, 3)),
     )
 
@@ -394,12 +451,7 @@ def _frame_of(scene: Scene) -> str:
     return f"map frame {named!r}" if named else "the scene's own world frame"
 
 
-def _interval_of(length: Length | None) -> tool_results.Interval | None:
-    """A measured length; None for one that was not measured."""
-    return None if length is None else _known_length(length)
-
-
-def _known_length(length: Length) -> tool_results.Interval:
+def _interval(length: Length) -> tool_results.Interval:
     """A measured length with its 95 % interval."""
     return tool_results.Interval(round(length.value, 4), round(length.low, 4), round(length.high, 4))
 
@@ -408,20 +460,26 @@ def _spoken(length: tool_results.Interval, unit: tool_results.Unit) -> str:
     return f"{length.value:g} {unit} (95 %: {length.low:g} to {length.high:g})"
 
 
-_Three = tuple[float, float, float]
-
-
 def clean_up(
     client: Client,
-    corners: tuple[_Three, _Three] | None,
-    outside: bool,
-    opacity_below: float | None,
-    isolation_above: float | None,
-    objects: list[int],
-    remove: bool,
-    scene: str,
+    corners: Annotated[
+        tuple[Point, Point] | None,
+        Field(description="of a box, as x, y, z: the lowest, then the highest; only what lies in it"),
+    ] = None,
+    outside: Annotated[bool, Field(description="only what lies outside of the box instead: to crop to it")] = False,
+    opacity_below: Annotated[float | None, Field(description="only what is less opaque than this, 0 to 1")] = None,
+    isolation_above: Annotated[
+        float | None,
+        Field(description="only what hangs in the air: so many times farther from others than usual; try 4"),
+    ] = None,
+    objects: Annotated[list[int] | None, Field(description="only of these objects, by their ids")] = None,
+    remove: Annotated[
+        bool, Field(description="whether to remove it, when the user says so; otherwise it is only counted")
+    ] = False,
+    scene: SceneName = "",
 ) -> tool_results.CleanedUp:
-    """How many Gaussians fulfil all that is said; with `remove` a version without them."""
+    """How many Gaussians of a scene fulfil all that is said; removes them, as a version that can be undone, if told
+    to. At least one of corners, opacity_below and isolation_above."""
     scene_info = resolve_scene(client, scene)
     box = None
     if corners is not None:
@@ -430,7 +488,7 @@ def clean_up(
         size = Vector3(*(b - a for a, b in zip(low, high, strict=True)))
         box = Box(Pose(middle, Quaternion(0.0, 0.0, 0.0, 1.0)), size)
     chosen = GaussianFilter(box, outside, opacity_below, isolation_above)
-    edits = [Edit("remove", object_ids=tuple(objects), filter=chosen)]
+    edits = [Edit("remove", object_ids=tuple(objects or ()), filter=chosen)]
     preview = client.preview_edit(scene_info.id, edits, version=scene_info.version)
     version = client.edit_scene(scene_info.id, edits, looked_at=preview.version).version if remove else ""
     return tool_results.CleanedUp(scene_info.id, preview.gaussians, preview.count, version)
