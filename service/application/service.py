@@ -23,7 +23,6 @@ from fastsplat.service.application.answering.localizing import Localizing
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import Photos, photo_page
 from fastsplat.service.application.answering.project_context import ProjectContext
-from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.base.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.base.validate import (
@@ -48,6 +47,7 @@ from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat.service.application.uploading.validation_slots import ValidationSlots
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
+from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.jobs.needed_models import check_models
 from fastsplat.service.settings import Settings

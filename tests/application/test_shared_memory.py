@@ -7,16 +7,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
-from fastsplat.service.application.base.cache import LeastRecentlyUsed
+from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.base.memory import MemoryBudget
 from fastsplat.service.application.exporting import scene_exports
 from fastsplat.service.application.exporting.geometry_files import cameras_file, mesh_file, points_file
-from fastsplat.service.application.exporting.scene_exports import SurfaceCache
+from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.text_encoders import LabelTable, open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
@@ -103,30 +105,34 @@ def rendered(monkeypatch: pytest.MonkeyPatch) -> list[SceneIndex]:
     return scenes
 
 
+def _exports(memory: MemoryBudget) -> Exports:
+    return Exports(cast(ProjectContext, SimpleNamespace(memory=memory, settings=Settings())))
+
+
 def test_points_mesh_and_cameras_share_one_rendering_and_are_what_they_are_alone(rendered: list[SceneIndex]) -> None:
     memory = MemoryBudget(CallSettings(answer_memory_bytes=_GIB), _GIB)
-    cache, index = SurfaceCache(memory), wall_index()
+    exports, index = _exports(memory), wall_index()
     for file in (points_file, mesh_file, cameras_file):
-        assert file(index, "wall", (), 0.05, lambda idx: cache.views("wall", "1", idx)) == file(index, "wall", (), 0.05)
+        assert file(index, "wall", (), 0.05, exports._views_of("wall", "1")) == file(index, "wall", (), 0.05)
     assert len(rendered) == 1 and memory.cached_bytes > 0
     edited_index = wall_index()
-    cache.views("wall", "2", edited_index)  # what an edit changed
-    cache.views("wall", "2", edited_index)
+    views = exports._views_of("wall", "2")  # what an edit changed
+    assert views(edited_index) is views(edited_index)
     assert rendered == [index, edited_index]
-    cache.forget("wall")
-    cache.views("wall", "2", edited_index)
+    exports.forget("wall")
+    views(edited_index)
     assert len(rendered) == 3
 
 
 def test_they_leave_for_a_call_that_needs_their_memory(rendered: list[SceneIndex]) -> None:
     memory = MemoryBudget(CallSettings(answer_memory_bytes=_GIB, request_memory_bytes=_GIB), _GIB)
-    cache, index = SurfaceCache(memory), wall_index()
-    first = cache.views("wall", "1", index)
+    views, index = _exports(memory)._views_of("wall", "1"), wall_index()
+    first = views(index)
     with memory.reserve(_GIB, "scene_id"):
         assert memory.cached_bytes == 0
-        assert cache.views("wall", "1", index) is not first  # no room to keep these
-        cache.views("wall", "1", index)
+        assert views(index) is not first  # no room to keep these
+        views(index)
     assert len(rendered) == 3
-    cache.views("wall", "1", index)
-    cache.views("wall", "1", index)
+    views(index)
+    views(index)
     assert len(rendered) == 4 and memory.cached_bytes > 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-import threading
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -13,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fastsplat.service.application.answering.project_context import ProjectContext
-from fastsplat.service.application.base.cache import LeastRecentlyUsed
-from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
+from fastsplat.service.application.base.cache import BudgetedCache
+from fastsplat.service.application.base.memory import picture_bytes
 from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.capture.photos.scene_photos import kept_lenses, photo_path
 from fastsplat.service.capture.uploads.sent_photos import DECODER_BYTES, SparePhotoDecoder
@@ -28,7 +27,6 @@ from fastsplat.service.localization.landmarks import (
     Photo,
     find_landmarks,
 )
-from fastsplat.service.localization.localization_settings import LocalizationSettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.blobs import Blobs
@@ -51,6 +49,8 @@ _WORK_BYTES = 192 << 20
 
 _VERSIONS = 2
 """Number of cached versions."""
+_LARGEST = BYTES_PER_LANDMARK * KEYPOINTS_PER_PHOTO * MAX_LANDMARK_VIEWS
+"""Bytes of a version's landmarks."""
 
 
 class Localizing:
@@ -58,7 +58,7 @@ class Localizing:
 
     def __init__(self, context: ProjectContext) -> None:
         self._context = context
-        self._landmarks = _LandmarkCache(context.settings.localization, context.memory)
+        self._landmarks: BudgetedCache[tuple[str, str], Landmarks] = BudgetedCache(_VERSIONS * _LARGEST, context.memory)
         self._decoder = SparePhotoDecoder(context.settings.capture)
 
     def over(self, context: ProjectContext) -> Localizing:
@@ -73,7 +73,7 @@ class Localizing:
 
     def forget(self, scene_id: str) -> None:
         """Drops one scene."""
-        self._landmarks.forget(scene_id)
+        self._landmarks.drop(lambda key: key[0] == scene_id)
 
     def localize(self, request: LocalizeRequest) -> Localization:
         """Localizes photos: pose, visible objects, and differences from the scene.
@@ -103,12 +103,21 @@ class Localizing:
             picture = picture_bytes("confidence", PosedCamera(square, np.eye(4)), gaussians)
             with self._context.memory.reserve(picture + _WORK_BYTES + DECODER_BYTES, "photos"):
                 folder = self._context.scenes.folder(request.scene_id, version)
-                landmarks = self._landmarks.of(request.scene_id, version, index, folder, self._context.store.blobs)
+                landmarks = self._landmarks.get(
+                    (request.scene_id, version), lambda: _LARGEST, lambda: self._found(index, folder)
+                )
+                self._landmarks.count()
                 sent = self._decoder.decode(request.photos, side)
                 rough = [pose.matrix() for pose in request.poses]
                 return index, localized_photos(index, landmarks, sent, _focals(request), rough, version)
         finally:
             self._prepare()
+
+    def _found(self, index: SceneIndex, folder: Path) -> Landmarks:
+        """Landmarks of a version; takes some tenths of a second per photo, and raises as `photos_of`."""
+        side = self._context.settings.localization.max_side
+        photos = photos_of(index.scene.cameras, folder, side, self._context.store.blobs)
+        return find_landmarks(photos, index.geometry, middle_lens(kept_lenses(folder)))
 
     def _prepare(self) -> None:
         if self._decoder.prepare() and not self._context.memory.keep(DECODER_BYTES, self._decoder.drop):
@@ -170,54 +179,6 @@ def _focals(request: LocalizeRequest) -> Sequence[float | None]:
     if not request.focals:
         return [None] * len(request.photos)
     return list(request.focals) * (len(request.photos) if len(request.focals) == 1 else 1)
-
-
-class _LandmarkCache:
-    """Landmarks of recently used versions, until their memory is needed. Thread-safe."""
-
-    def __init__(self, settings: LocalizationSettings, memory: MemoryBudget) -> None:
-        self._settings = settings
-        self._memory = memory
-        self._lock = threading.Lock()
-        self._counted = False
-        self._landmarks_by_version: LeastRecentlyUsed[tuple[str, str], Landmarks] = LeastRecentlyUsed(
-            _VERSIONS * self._largest
-        )
-
-    def of(self, scene_id: str, version: str, index: SceneIndex, folder: Path, blobs: Blobs) -> Landmarks:
-        """Landmarks of a version; computing them takes some tenths of a second per photo.
-
-        `blobs` checks the photos' digests.
-
-        Raises:
-            NotReadyError: the scene keeps no photos.
-            SceneFileError: a photo is damaged.
-        """
-
-        def find() -> Landmarks:
-            photos = photos_of(index.scene.cameras, folder, self._settings.max_side, blobs)
-            lens = middle_lens(kept_lenses(folder))
-            return find_landmarks(photos, index.geometry, lens)
-
-        landmarks = self._landmarks_by_version.get((scene_id, version), lambda: self._largest, find)
-        with self._lock:
-            uncounted, self._counted = not self._counted, True
-        if uncounted and not self._memory.keep(_VERSIONS * self._largest, self._drop):
-            self._drop()
-        return landmarks
-
-    def forget(self, scene_id: str) -> None:
-        """Drops one scene."""
-        self._landmarks_by_version.drop(lambda key: key[0] == scene_id)
-
-    @property
-    def _largest(self) -> int:
-        return BYTES_PER_LANDMARK * KEYPOINTS_PER_PHOTO * MAX_LANDMARK_VIEWS
-
-    def _drop(self) -> None:
-        with self._lock:
-            self._counted = False
-        self._landmarks_by_version.drop(lambda _: True)
 
 
 def photos_of(cameras: Sequence[PosedCamera], folder: Path, side: int, blobs: Blobs | None = None) -> list[Photo]:

@@ -7,8 +7,8 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.jobs.needed_models import in_use
 from fastsplat.service.query.language.meaning.embeddings import TextCaches, text_caches

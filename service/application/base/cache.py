@@ -1,81 +1,33 @@
-"""Size-bounded LRU cache of costly values, each made once."""
+"""LRU cache whose bytes count in the memory budget."""
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from typing import Generic, TypeVar
+from typing import TypeVar
 
-K = TypeVar("K", bound=Hashable)
+from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.common.cache import K, LeastRecentlyUsed
+
 V = TypeVar("V")
 
 
-class LeastRecentlyUsed(Generic[K, V]):
-    """LRU cache of up to `budget` bytes, or of one larger value. Thread-safe.
+class BudgetedCache(LeastRecentlyUsed[K, V]):
+    """LRU cache of up to `budget` bytes, until a call needs their room. Thread-safe."""
 
-    Concurrent requests for a missing value wait for one of them to make it; users of an evicted value keep it.
-    """
+    def __init__(self, budget: int, memory: MemoryBudget) -> None:
+        super().__init__(budget)
+        self._memory = memory
+        self._counted = False
 
-    def __init__(self, budget: int) -> None:
-        self._budget = budget
-        self._lock = threading.Lock()
-        self._slots: OrderedDict[K, _Slot[V]] = OrderedDict()
-
-    def get(self, key: K, size: Callable[[], int], make: Callable[[], V]) -> V:
-        """Value of `key`, made if missing after evicting for `size()` bytes; failures are not cached."""
+    def count(self) -> None:
+        """Counts the budget as held from now on, unless the cache is empty; drops all values without room."""
         with self._lock:
-            slot = self._slots.setdefault(key, _Slot())
-            self._slots.move_to_end(key)
-        with slot.lock:
-            if not slot.filled:
-                try:
-                    slot.size = size()
-                    self._make_room(slot)
-                    slot.value = make()
-                except BaseException:
-                    self._drop(key, slot)
-                    raise
-                slot.filled = True
-                self._make_room(slot)  # others may have been added meanwhile
-            return slot.value
+            uncounted = not self._counted and bool(self._slots)
+            self._counted |= uncounted
+        if uncounted and not self._memory.keep(self.budget, self.release):
+            self.release()
 
-    def drop(self, unwanted: Callable[[K], bool]) -> None:
-        """Removes all keys for which `unwanted` is true."""
+    def release(self) -> None:
+        """Drops all values; their users keep them."""
         with self._lock:
-            for key in [key for key in self._slots if unwanted(key)]:
-                del self._slots[key]
-
-    @property
-    def bytes(self) -> int:
-        """Total size of the cached values."""
-        with self._lock:
-            return sum(slot.size for slot in self._slots.values())
-
-    def __len__(self) -> int:
-        with self._lock:
-            return len(self._slots)
-
-    def _make_room(self, newest: _Slot[V]) -> None:
-        with self._lock:
-            total = sum(slot.size for slot in self._slots.values())
-            for key, slot in list(self._slots.items()):
-                if total <= self._budget:
-                    return
-                if slot is not newest and slot.filled:
-                    del self._slots[key]
-                    total -= slot.size
-
-    def _drop(self, key: K, slot: _Slot[V]) -> None:
-        with self._lock:
-            if self._slots.get(key) is slot:
-                del self._slots[key]
-
-
-class _Slot(Generic[V]):
-    value: V
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self.filled = False
-        self.size = 0
+            self._counted = False
+        self.drop(lambda key: True)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import threading
 import weakref
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.answering.project_context import ProjectContext
+from fastsplat.service.application.base.cache import BudgetedCache
 from fastsplat.service.application.base.memory import masks_bytes
+from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
@@ -33,10 +33,8 @@ _MAX_PROMPT_PIXELS = 64
 _KEPT_VIEWS = 16
 """Cached view embeddings (LRU), about 4 MiB each."""
 
-_OPEN_BYTES = 768 << 20
-"""MobileSAM after its first pictures: 690 MiB measured, mostly activations."""
-_EMBEDDING_BYTES = 4 << 20
-"""One picture: 256 channels of 64×64, float32."""
+_SEGMENTER_BYTES = (768 << 20) + _KEPT_VIEWS * (4 << 20)
+"""MobileSAM after its first pictures (690 MiB measured, mostly activations), and 256×64×64 float32 a picture."""
 
 _Key = tuple[int, Camera, bytes]
 
@@ -57,8 +55,8 @@ class PromptedEdits:
     """
 
     def __init__(self, context: ProjectContext) -> None:
-        self._settings = context.settings
-        self._segmenter = _SegmenterCache(context)
+        self._context, self._settings = context, context.settings
+        self._segmenters: BudgetedCache[str, _OpenSegmenter] = BudgetedCache(_SEGMENTER_BYTES, context.memory)
 
     def check(self, edits: Sequence[Edit]) -> None:
         """Validates all prompts; errors name the field inside `edits`."""
@@ -74,16 +72,15 @@ class PromptedEdits:
         if not any(edit.action in PROMPTED for edit in edits):
             return 0
         side = self._settings.prompts.max_side
-        return self._segmenter.bytes + masks_bytes([_square(side)], 1, gaussians)
+        return _SEGMENTER_BYTES + masks_bytes([_square(side)], 1, gaussians)
 
     @contextmanager
-    def running(self, edits: Sequence[Edit]) -> Iterator[None]:
-        """Context for reserving `bytes` and making these edits."""
-        if any(edit.action in PROMPTED for edit in edits):
-            with self._segmenter.used():
-                yield
-        else:
+    def running(self) -> Iterator[None]:
+        """Context for reserving `bytes` and making these edits; the segmenter stays open if there is room."""
+        try:
             yield
+        finally:
+            self._segmenters.count()
 
     def piece(self, index: SceneIndex, edit: Edit) -> ShownPiece | None:
         """Segments the Gaussians of a `split` or `add` prompt; None without a prompt.
@@ -111,7 +108,7 @@ class PromptedEdits:
             _check_on_object(prompt, ids, object_id)
         except (NotFoundError, InvalidInputError) as error:
             raise error.within("prompt") from error
-        opened = self._segmenter.get()
+        opened = self._opened()
         gaussians = index.scene.gaussians
         more = self._settings.prompts.views - 1
         scene = PromptedScene(
@@ -124,6 +121,18 @@ class PromptedEdits:
         )
         piece = find_piece(scene, small, prompt, ids)
         return ShownPiece(piece.rows, tuple(view.name for view in piece.views))
+
+    def _opened(self) -> _OpenSegmenter:
+        """The segmenter, opened if necessary; raises `ModelUnavailableError` for missing or damaged files."""
+        from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
+
+        settings = self._context.settings_in_use
+        perception = settings.perception
+        return self._segmenters.get(
+            perception.segmenter,
+            lambda: _SEGMENTER_BYTES,
+            lambda: _OpenSegmenter(open_segmenter(perception, settings.models)),
+        )
 
     def _picture_of(self, posed: PosedCamera) -> PosedCamera:
         from fastsplat.service.splatting.training_views import training_size
@@ -202,70 +211,22 @@ def _square(side: int) -> PosedCamera:
     return PosedCamera(Camera(side, side, float(side), float(side), side / 2, side / 2), np.eye(4))
 
 
-@dataclass
 class _OpenSegmenter:
-    """Segmenter with an LRU cache of `limit` view embeddings. Thread-safe."""
+    """Segmenter with its latest view embeddings. Thread-safe."""
 
-    segmenter: Segmenter
-    limit: int
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-    _embeddings: OrderedDict[_Key, tuple[weakref.ref[Gaussians], Any]] = field(default_factory=OrderedDict)
+    def __init__(self, segmenter: Segmenter) -> None:
+        self.segmenter = segmenter
+        self._embeddings: LeastRecentlyUsed[_Key, tuple[weakref.ref[Gaussians], Any]] = LeastRecentlyUsed(_KEPT_VIEWS)
 
     def embedding(self, gaussians: Gaussians, posed: PosedCamera, picture: Callable[[], NDArray[np.uint8]]) -> Any:
         """Segmenter embedding of these Gaussians, rendered from a camera."""
         key = (id(gaussians), posed.camera, posed.world_from_camera.tobytes())
-        with self._lock:
-            known = self._embeddings.get(key)
-            if known is not None and known[0]() is gaussians:
-                self._embeddings.move_to_end(key)
-                return known[1]
-        embedding = self.segmenter.embed(picture())
-        with self._lock:
-            self._embeddings[key] = (weakref.ref(gaussians), embedding)
-            while len(self._embeddings) > self.limit:
-                self._embeddings.popitem(last=False)
+
+        def embed() -> tuple[weakref.ref[Gaussians], Any]:
+            return weakref.ref(gaussians), self.segmenter.embed(picture())
+
+        whose, embedding = self._embeddings.get(key, lambda: 1, embed)
+        if whose() is not gaussians:  # of others, which had the same id
+            self._embeddings.drop(lambda known: known == key)
+            _, embedding = self._embeddings.get(key, lambda: 1, embed)
         return embedding
-
-
-class _SegmenterCache:
-    """Lazily opened segmenter in use, counted by the memory budget. Thread-safe."""
-
-    def __init__(self, context: ProjectContext) -> None:
-        self._context = context
-        self._name = ""
-        self._lock = threading.Lock()
-        self._open: _OpenSegmenter | None = None
-        self._counted = False
-
-    @property
-    def bytes(self) -> int:
-        """Estimated maximum size."""
-        return _OPEN_BYTES + _KEPT_VIEWS * _EMBEDDING_BYTES
-
-    @contextmanager
-    def used(self) -> Iterator[None]:
-        """Context for reserving `bytes` and using the segmenter, kept open if there is room."""
-        try:
-            yield
-        finally:
-            with self._lock:
-                keep = self._open is not None and not self._counted
-                self._counted = self._counted or keep
-            if keep and not self._context.memory.keep(self.bytes, self.drop):
-                self.drop()
-
-    def get(self) -> _OpenSegmenter:
-        """The segmenter, opened if necessary; raises `ModelUnavailableError` for missing or damaged files."""
-        from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-
-        settings = self._context.settings_in_use
-        with self._lock:
-            if self._open is None or self._name != settings.perception.segmenter:
-                segmenter = open_segmenter(settings.perception, settings.models)
-                self._open, self._name = _OpenSegmenter(segmenter, _KEPT_VIEWS), settings.perception.segmenter
-            return self._open
-
-    def drop(self) -> None:
-        """Releases the segmenter; current users keep their reference."""
-        with self._lock:
-            self._open, self._counted = None, False

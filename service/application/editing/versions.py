@@ -172,7 +172,7 @@ class Versions:
         sources = self._sources(order.edits)  # before reserving, as opening a scene reserves its own memory
         size = edit_bytes(before.scene, (source.scene for source in sources.values()))
         size += self._prompted.bytes(order.edits, len(before.scene.gaussians))
-        with self._prompted.running(order.edits), self._context.memory.reserve(size, "edits"):
+        with self._prompted.running(), self._context.memory.reserve(size, "edits"):
             index, new_objects = self._apply(before, order.edits, seen, sources)
             rows = [
                 {

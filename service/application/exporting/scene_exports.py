@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,8 +13,8 @@ import numpy as np
 from fastsplat.service.application.answering.mask_encodings import mask_ply
 from fastsplat.service.application.answering.photos import size_of
 from fastsplat.service.application.answering.project_context import ProjectContext
-from fastsplat.service.application.base.cache import LeastRecentlyUsed
-from fastsplat.service.application.base.memory import MemoryBudget, export_bytes
+from fastsplat.service.application.base.cache import BudgetedCache
+from fastsplat.service.application.base.memory import export_bytes
 from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.application.exporting.camera_files import camera_list, colmap, transforms
 from fastsplat.service.application.exporting.geometry_files import (
@@ -29,6 +28,7 @@ from fastsplat.service.application.exporting.map_files import map_bytes, map_fil
 from fastsplat.service.application.exporting.scene_page import scene_page
 from fastsplat.service.application.exporting.scene_recording import SceneRecording, bounded_photos
 from fastsplat.service.capture.photos.scene_photos import photo_path
+from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.common.optional_packages import MCAP, needed
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
@@ -57,7 +57,9 @@ class Exports:
     def __init__(self, context: ProjectContext) -> None:
         self._context = context
         self._splats: LeastRecentlyUsed[tuple[str, str], bytes] = LeastRecentlyUsed(_CACHED_BYTES)
-        self._surfaces = SurfaceCache(context.memory)
+        query = context.settings.query
+        largest = BYTES_PER_PIXEL * query.surface_views * query.surface_side**2
+        self._surfaces: BudgetedCache[tuple[str, str], tuple[SurfaceView, ...]] = BudgetedCache(largest, context.memory)
 
     def over(self, context: ProjectContext) -> Exports:
         """Same caches for another view of the store."""
@@ -68,7 +70,7 @@ class Exports:
     def forget(self, scene_id: str) -> None:
         """Drops one scene."""
         self._splats.drop(lambda key: key[0] == scene_id)
-        self._surfaces.forget(scene_id)
+        self._surfaces.drop(lambda key: key[0] == scene_id)
 
     def file(self, request: ExportRequest) -> bytes:
         """Writes a scene in the requested format.
@@ -110,7 +112,7 @@ class Exports:
         except NotFoundError as error:
             raise NotFoundError(error.message, field="object_id", hint=error.hint) from error
         with self._context.memory.reserve(needed, "scene_id"):
-            known = map_of(index, 0.0, lambda scene_index: self._surfaces.views(scene_id, read_version, scene_index))
+            known = map_of(index, 0.0, self._views_of(scene_id, read_version))
         return goal_near(known, obj, robot_radius or ROBOT_RADIUS, read_version)
 
     def _spz(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
@@ -153,7 +155,7 @@ class Exports:
         mesh: bool = False,
     ) -> bytes:
         with self._context.memory.reserve(surface_bytes(index, mesh=mesh), "scene_id"):
-            views_of = self._views_of(request, version)
+            views_of = self._views_of(request.scene_id, version)
             return write(index, self._name(request), request.object_ids, request.cell, views_of)
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
@@ -164,7 +166,7 @@ class Exports:
         floor, floor_missing = self._floor(index, version, request)
         created_ns = round(self._created_at(request.scene_id, version) * 1000) * 10**6
         with self._context.memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
-            name, views = self._name(request), self._views_of(request, version)
+            name, views = self._name(request), self._views_of(request.scene_id, version)
             points = points_file(index, name, request.object_ids, request.cell, views)
             photos = self._photo_contents(request.scene_id, version, files)
             recording = SceneRecording(
@@ -182,7 +184,7 @@ class Exports:
             return None, error.message
         with self._context.memory.reserve(needed_bytes, "scene_id"):
             try:
-                return map_of(index, 0.0, self._views_of(request, version)), ""
+                return map_of(index, 0.0, self._views_of(request.scene_id, version)), ""
             except (InvalidInputError, LimitExceededError) as error:
                 return None, error.message
 
@@ -216,10 +218,15 @@ class Exports:
 
     def _map(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._context.memory.reserve(map_bytes(index), "scene_id"):
-            return map_file(index, request.cell, self._views_of(request, version))
+            return map_file(index, request.cell, self._views_of(request.scene_id, version))
 
-    def _views_of(self, request: ExportRequest, version: str) -> ViewsOf:
-        return lambda index: self._surfaces.views(request.scene_id, version, index)
+    def _views_of(self, scene_id: str, version: str) -> ViewsOf:
+        def views(index: SceneIndex) -> tuple[SurfaceView, ...]:
+            held = self._surfaces.get((scene_id, version), lambda: self._surfaces.budget, lambda: surface_views(index))
+            self._surfaces.count()
+            return held
+
+        return views
 
     def _name(self, request: ExportRequest) -> str:
         return self._context.store.scenes.scene(request.scene_id).name
@@ -273,32 +280,3 @@ def _of_objects(index: SceneIndex, objects: Sequence[int]) -> Gaussians:
     if not objects:
         return gaussians
     return gaussians_of_rows(gaussians, index.objects.rows(objects))
-
-
-class SurfaceCache:
-    """Surface views of the last used version, until their memory is needed. Thread-safe."""
-
-    def __init__(self, memory: MemoryBudget) -> None:
-        self._memory = memory
-        self._lock = threading.Lock()
-        self._counted = False
-        self._views: LeastRecentlyUsed[tuple[str, str], tuple[SurfaceView, ...]] = LeastRecentlyUsed(0)
-
-    def views(self, scene_id: str, version: str, index: SceneIndex) -> tuple[SurfaceView, ...]:
-        """Surface views of a version, cached if there is room; raises as `surface_views`."""
-        views = self._views.get((scene_id, version), lambda: 1, lambda: surface_views(index))
-        with self._lock:
-            uncounted, self._counted = not self._counted, True
-        largest = BYTES_PER_PIXEL * index.settings.surface_views * index.settings.surface_side**2
-        if uncounted and not self._memory.keep(largest, self._drop):
-            self._drop()
-        return views
-
-    def forget(self, scene_id: str) -> None:
-        """Drops one scene."""
-        self._views.drop(lambda key: key[0] == scene_id)
-
-    def _drop(self) -> None:
-        with self._lock:
-            self._counted = False
-        self._views.drop(lambda _: True)

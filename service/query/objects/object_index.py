@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -12,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.query.objects.absence import UnseenSpace
 from fastsplat.service.query.objects.floors import with_floors_judged
 from fastsplat.service.query.objects.names.merged_suggestions import OWN_SOURCE, MergedName, Trust, merged_suggestions
@@ -33,34 +32,6 @@ ObjectMap = NDArray[np.uint16]
 
 KEPT_MAP_BYTES = 32 << 20
 """Limit per open scene: 8 maps of 1920×1080 pixels, or one of 4096×4096."""
-
-
-class KeptMaps:
-    """LRU cache of uint16 [H, W] maps, up to `KEPT_MAP_BYTES` together; thread-safe."""
-
-    def __init__(self) -> None:
-        self._maps: OrderedDict[Hashable, ObjectMap] = OrderedDict()
-        self._bytes = 0
-        self._lock = threading.Lock()
-
-    @property
-    def nbytes(self) -> int:
-        return self._bytes
-
-    def get(self, key: Hashable, draw: Callable[[], ObjectMap]) -> ObjectMap:
-        """Returns the map of `key`, drawn on a miss; two threads may draw it twice."""
-        with self._lock:
-            if key in self._maps:
-                self._maps.move_to_end(key)
-                return self._maps[key]
-        drawn = draw()
-        with self._lock:
-            if key not in self._maps and drawn.nbytes <= KEPT_MAP_BYTES:
-                self._maps[key] = drawn
-                self._bytes += drawn.nbytes
-                while self._bytes > KEPT_MAP_BYTES:
-                    self._bytes -= self._maps.popitem(last=False)[1].nbytes
-        return drawn
 
 
 _NEAREST = 8
@@ -254,12 +225,12 @@ class SceneObjects:
         return {}
 
     @cached_property
-    def _maps(self) -> KeptMaps:
-        return KeptMaps()
+    def _maps(self) -> LeastRecentlyUsed[Hashable, ObjectMap]:
+        return LeastRecentlyUsed(KEPT_MAP_BYTES)
 
     def _map(self, posed: PosedCamera, of: Objects | Parts) -> ObjectMap:
         key = (posed.camera, posed.world_from_camera.tobytes(), isinstance(of, Parts))
-        return self._maps.get(key, lambda: self._draw(posed, of))
+        return self._maps.get(key, lambda: 2 * posed.camera.width * posed.camera.height, lambda: self._draw(posed, of))
 
     def rows_at(self, point: Vector3) -> NDArray[np.int64]:
         """Nearest visible Gaussians (at most eight) at a finite point, nearest first, int64.

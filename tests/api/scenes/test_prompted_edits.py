@@ -204,13 +204,13 @@ def test_the_segmenter_stays_open_until_others_need_its_memory(api_settings: Set
     calls = api_settings.calls.model_copy(update={"answer_memory_bytes": 3 << 30, "request_memory_bytes": 2 << 30})
     with open_service(api_settings.model_copy(update={"calls": calls})) as service:
         service.versions.edit(fresh_id, [_MERGE, _SPLIT])
-        warm = service.versions._prompted._segmenter
-        first, memory = warm._open, service._context.memory
-        assert first is not None and memory.cached_bytes == warm.bytes and memory.reserved == 0
+        warm, memory = service.versions._prompted._segmenters, service._context.memory
+        (first,) = warm._slots.values()
+        assert memory.cached_bytes == warm.budget == warm.bytes and memory.reserved == 0
         service.versions.edit(fresh_id, [Edit("merge", object_ids=(1, 4)), _SPLIT])
-        assert warm._open is first and memory.cached_bytes == warm.bytes
+        assert [*warm._slots.values()] == [first] and memory.cached_bytes == warm.budget
         assert service.in_project("another").versions._prompted is service.versions._prompted
         with memory.reserve(2 << 30, "edits"), memory.reserve((1 << 30) - 1, "edits"):
-            assert warm._open is None and memory.cached_bytes == 0
-            assert not memory.keep(2, warm.drop)
+            assert not len(warm) and memory.cached_bytes == 0
+            assert not memory.keep(2, warm.release)
         service.versions.undo(fresh_id)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.query.language.meaning.calibration import calibration_for
 from fastsplat.service.query.language.meaning.embeddings import TextCache, embed_labels
@@ -66,8 +65,9 @@ class PromptContexts:
         self._encoder = encoder
         self._cache = cache
         self._settings = settings
-        self._recent: OrderedDict[tuple[tuple[str, ...], tuple[str, ...]], PromptContext] = OrderedDict()
-        self._lock = threading.Lock()
+        self._recent: LeastRecentlyUsed[tuple[tuple[str, ...], ...], PromptContext] = LeastRecentlyUsed(
+            _CACHED_CONTEXTS
+        )
         self.default = self._prepare(settings.negatives, settings.templates, self._embed_labels(settings.templates))
 
     @property
@@ -84,22 +84,15 @@ class PromptContexts:
         """
         if (negatives, templates) == (self.default.negatives, self.default.templates):
             return self.default
-        key = (negatives, templates)
-        with self._lock:
-            if key in self._recent:
-                self._recent.move_to_end(key)
-                return self._recent[key]
-        if templates == self.default.templates:
+
+        def prepare() -> PromptContext:
             labels = self.default.entries.labels
-        else:
-            self._check_sentences(templates)
-            labels = self._embed_labels(templates)
-        context = self._prepare(negatives, templates, labels)
-        with self._lock:
-            self._recent[key] = context
-            while len(self._recent) > _CACHED_CONTEXTS:
-                self._recent.popitem(last=False)
-        return context
+            if templates != self.default.templates:
+                self._check_sentences(templates)
+                labels = self._embed_labels(templates)
+            return self._prepare(negatives, templates, labels)
+
+        return self._recent.get((negatives, templates), lambda: 1, prepare)
 
     def _check_sentences(self, templates: tuple[str, ...]) -> None:
         labels, limit = len(self._labels.dictionary), self._settings.max_sentences
