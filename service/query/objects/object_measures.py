@@ -156,8 +156,8 @@ class ObjectMeasures:
         gaussians = self.scene.gaussians
         lab = lab_of(np.clip(0.5 + SH_C0 * gaussians.sh[rows, 0].astype(np.float64), 0.0, 1.0))
         weights = _bounded(masses(gaussians.log_scales[rows], gaussians.logit_opacities[rows]))
-        median = np.array([_weighted_median(values, weights) for values in lab.T])
-        spread = _weighted_median(color_distance(lab, median), weights)
+        median = _weighted_median(lab, weights)
+        spread = float(_weighted_median(color_distance(lab, median), weights))
         some = _thinned(np.arange(len(lab)), _MAX_COMPARED)
         return ObjectColor(median, spread, color_shares(lab[some], weights[some]))
 
@@ -219,7 +219,5 @@ def _thinned(rows: Rows, most: int) -> Rows:
     return rows[:: -(-len(rows) // most)]
 
 
-def _weighted_median(values: F64, weights: F64) -> float:
-    order = values.argsort(kind="stable")
-    reached = weights[order].cumsum()
-    return float(values[order[int(np.searchsorted(reached, reached[-1] / 2))]])
+def _weighted_median(values: F64, weights: F64) -> F64:
+    return np.asarray(np.quantile(values, 0.5, axis=0, weights=weights, method="inverted_cdf"))

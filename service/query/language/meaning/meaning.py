@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict
 
 from fastsplat.service.common.logistic import logistic
 from fastsplat.service.query.language.meaning.label_meanings import BASE
-from fastsplat.service.query.language.meaning.probability import Logistic, Nonconformities
+from fastsplat.service.query.language.meaning.probability import Logistic, Nonconformities, leads
 from fastsplat.service.query.language.meaning.relevancy import F64
 from fastsplat.service.query.query_settings import QuerySettings
 
@@ -86,14 +86,13 @@ class MeaningModel(BaseModel):
 
 def summed_odds(logits: F64) -> float:
     """log Σ exp(logits), of at least one logit."""
-    most = float(logits.max())
-    return most if np.isinf(most) else most + float(np.log(np.exp(logits - most).sum()))
+    return float(np.logaddexp.reduce(logits))
 
 
 def expanded(base: F64) -> F64:
     """Adds leads over other labels and products to features [N, B], [N, F]."""
     column = dict(zip(BASE, base.T, strict=True))
-    leads = [_lead(column[name], background) for name, background in _LEADS.items()]
+    ahead = [leads(column[name], background, _LEAD_LIMIT) for name, background in _LEADS.items()]
     similarity, definition, known = column["similarity"], column["definition"], column["in_lexicon"]
     related = np.maximum.reduce([column["same"], column["wider"], column["narrower"]])
     products = [
@@ -112,17 +111,7 @@ def expanded(base: F64) -> F64:
         column["use"] * column["verb_phrase"],
         column["named"] * column["asked_known"],
     ]
-    return np.vstack([base.T, *leads, *products]).T
-
-
-def _lead(values: F64, background: float) -> F64:
-    """Lead of each value over the best other and the background, [N], clipped."""
-    if not len(values):
-        return values
-    first = int(values.argmax())
-    rivals = np.full(len(values), max(values[first], background))
-    rivals[first] = max(np.partition(values, -2)[-2], background) if len(values) > 1 else background
-    return np.asarray(np.clip(values - rivals, -_LEAD_LIMIT, _LEAD_LIMIT))
+    return np.vstack([base.T, *ahead, *products]).T
 
 
 def weighs_meanings(settings: QuerySettings) -> bool:

@@ -61,7 +61,7 @@ class ScoreCalibration(BaseModel):
     scenes: Nonconformities  # nonconformities of the calibration scenes
 
 
-def leads(scores: F64, background: float) -> F64:
+def leads(scores: F64, background: float, limit: float = LEAD_LIMIT) -> F64:
     """Lead of each entry over the best other and the background, [..., N], clipped."""
     rivals = np.full(scores.shape, background)
     if scores.shape[-1] > 1:
@@ -70,7 +70,7 @@ def leads(scores: F64, background: float) -> F64:
         np.put_along_axis(rest, first, -np.inf, axis=-1)
         np.maximum(rivals, np.take_along_axis(scores, first, axis=-1), out=rivals)
         np.put_along_axis(rivals, first, np.maximum(rest.max(axis=-1, keepdims=True), background), axis=-1)
-    return np.asarray(np.clip(scores - rivals, -LEAD_LIMIT, LEAD_LIMIT))
+    return np.asarray(np.clip(scores - rivals, -limit, limit))
 
 
 def entry_probability(scores: F64, calibration: ScoreCalibration) -> F64:
