@@ -12,23 +12,13 @@ from numpy.typing import NDArray
 from PIL import Image
 from safetensors.numpy import load_file
 
-from fastsplat.service.capture.captures import (
-    Capture,
-    CaptureReport,
-    GivenLabels,
-    ScaleEstimate,
-    SensorDepth,
-    VerticalEstimate,
-    View,
-    WithheldReport,
-)
+from fastsplat.service.capture.captures import Capture, CaptureReport, GivenLabels, SensorDepth, View
 from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.common.radial_lens import RadialLens
-from fastsplat_contract.codec.json_codec import from_plain
+from fastsplat_contract.codec.json_codec import from_plain, to_plain
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
-from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
 
 _VERSION = 1
 _CAPTURE = "capture.json"
@@ -42,7 +32,7 @@ def save_capture(capture: Capture, folder: Path) -> None:
     document: dict[str, Any] = {
         "version": _VERSION,
         "scale": capture.scale,
-        "report": asdict(capture.report),
+        "report": to_plain(capture.report),
         "test_names": capture.test_names,
         "views": [_view_to_json(view, folder) for view in capture.views],
         "splat": _relative(capture.splat, folder),
@@ -85,7 +75,7 @@ def load_capture(out_dir: Path) -> Capture:
             points=arrays["points"],
             point_colors=arrays["point_colors"],
             scale=document["scale"],
-            report=_report(document["report"]),
+            report=from_plain(CaptureReport, document["report"]),
             given_labels=_given_labels(document["given_labels"], out_dir),
             test_names=tuple(document["test_names"]),
             splat=None if document["splat"] is None else out_dir / document["splat"],
@@ -133,18 +123,6 @@ def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
         stored["taken_at"],
         None if lens is None else RadialLens(**lens),
     )
-
-
-def _report(stored: dict[str, Any]) -> CaptureReport:
-    tuples = {key: tuple(stored[key]) for key in ("unregistered", "models", "warnings")}
-    scale, withheld, vertical = stored["scale"], stored["withheld"], stored["vertical"]
-    measured = {
-        "photos": tuple(from_plain(PhotoVerdict, photo) for photo in stored["photos"]),
-        "scale": None if scale is None else ScaleEstimate(**scale),
-        "withheld": None if withheld is None else WithheldReport(**withheld),
-        "vertical": None if vertical is None else VerticalEstimate(**vertical),
-    }
-    return CaptureReport(**{**stored, **tuples, **measured})
 
 
 def _given_labels(stored: dict[str, Any] | None, folder: Path) -> GivenLabels | None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from PIL import ExifTags
 
-_FORMAT = "%Y:%m:%d %H:%M:%S"
+_FORMAT = "%Y:%m:%d %H:%M:%S %z"
 _EARLIEST = datetime(1990, 1, 1, tzinfo=UTC).timestamp()
 _LATEST = datetime(2200, 1, 1, tzinfo=UTC).timestamp()
 _MOST_OFFSET = timedelta(hours=14)
@@ -24,37 +24,23 @@ def taken_at_of_exif(detail: Mapping[int, Any], gps: Mapping[int, Any]) -> float
         detail: tags of the Exif IFD (CIPA DC-008-2019, 4.6.5 D and F).
         gps: tags of the GPS IFD (4.6.6).
     """
-    offset = _offset(detail.get(ExifTags.Base.OffsetTimeOriginal) or detail.get(ExifTags.Base.OffsetTime))
-    seconds = None
-    if offset is not None:
-        seconds = _seconds(detail.get(ExifTags.Base.DateTimeOriginal), offset)
-        if seconds is not None:
-            seconds += _fraction(detail.get(ExifTags.Base.SubsecTimeOriginal))
-    if seconds is None:
+    zone = detail.get(ExifTags.Base.OffsetTimeOriginal) or detail.get(ExifTags.Base.OffsetTime)
+    seconds = _seconds(detail.get(ExifTags.Base.DateTimeOriginal), zone)
+    if seconds is not None:
+        seconds += _fraction(detail.get(ExifTags.Base.SubsecTimeOriginal))
+    else:
         seconds = _gps_seconds(gps)
     return seconds if seconds is not None and _EARLIEST <= seconds < _LATEST else None
 
 
-def _seconds(text: Any, offset: timedelta) -> float | None:
+def _seconds(text: Any, zone: Any) -> float | None:
+    """Parses a time in a zone as "+02:00", "-07:30" or "Z"."""
+    stated, zone = (str(part or "").strip("\0 ") for part in (text, zone))
     try:
-        return (datetime.strptime(str(text).strip("\0 "), _FORMAT).replace(tzinfo=UTC) - offset).timestamp()
+        time = datetime.strptime(f"{stated} {zone}", _FORMAT)
+        return time.timestamp() if abs(time.utcoffset() or timedelta(0)) <= _MOST_OFFSET else None
     except (ValueError, OverflowError):
         return None
-
-
-def _offset(text: Any) -> timedelta | None:
-    """Parses "+02:00", "-07:30" or "Z"."""
-    text = str(text or "").strip("\0 ")
-    if text == "Z":
-        return timedelta(0)
-    sign, hours, colon, minutes = text[:1], text[1:3], text[3:4], text[4:]
-    digits = f"{hours}{minutes}"
-    if sign not in ("+", "-") or colon != ":" or len(digits) != 4 or not (digits.isascii() and digits.isdigit()):
-        return None
-    offset = timedelta(hours=int(hours), minutes=int(minutes))
-    if offset > _MOST_OFFSET or int(minutes) > 59:
-        return None
-    return -offset if sign == "-" else offset
 
 
 def _fraction(text: Any) -> float:
@@ -72,6 +58,6 @@ def _gps_seconds(gps: Mapping[int, Any]) -> float | None:
         return None
     if not (0 <= hours < 24 and 0 <= minutes < 60 and 0 <= seconds < 61):  # also false for NaN
         return None
-    midnight = _seconds(f"{str(date).strip(chr(0) + ' ')} 00:00:00", timedelta(0))
+    midnight = _seconds(f"{str(date).strip(chr(0) + ' ')} 00:00:00", "Z")
     total = 3600 * hours + 60 * minutes + seconds
     return None if midnight is None or not math.isfinite(total) else midnight + total

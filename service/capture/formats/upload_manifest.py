@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from fastsplat.service.capture.captures import Source
 from fastsplat.service.capture.formats.image_io import PhotoInfo
+from fastsplat_contract.codec.json_codec import from_json, to_json
 from fastsplat_contract.errors import InvalidInputError
 
 VALIDATED = ".validated"
@@ -42,7 +42,7 @@ class UploadManifest:
 
 def write_manifest(manifest: UploadManifest, folder: Path) -> None:
     """Write the manifest into a validated folder."""
-    (folder / _MANIFEST).write_text(json.dumps(asdict(manifest)))
+    (folder / _MANIFEST).write_bytes(to_json(manifest))
 
 
 def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
@@ -57,11 +57,7 @@ def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
     path = validated / _MANIFEST
     if not path.is_file():
         raise InvalidInputError(f"{folder} has no validated upload", field="upload", hint="Send the upload again.")
-    stored = json.loads(path.read_text())
-    stored["photos"] = tuple(PhotoInfo(**photo) for photo in stored["photos"])
-    stored["names"], stored["warnings"] = tuple(stored["names"]), tuple(stored["warnings"])
-    stored["depth_sizes"] = {path: tuple(size) for path, size in stored["depth_sizes"].items()}
-    manifest, files = UploadManifest(**stored), validated / FILES
+    manifest, files = from_json(UploadManifest, path.read_bytes()), validated / FILES
     photos = (name for photo in manifest.photos for name in (photo.path, manifest.label_maps.get(photo.path, "")))
     for name in (manifest.poses, manifest.image_folder, manifest.video, manifest.labels, *photos):
         if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:

@@ -48,18 +48,6 @@ def read_metadata(root: Path, photos: Sequence[PhotoInfo]) -> dict[str, dict[str
     return {path: asdict(entry) for path, entry in metadata.items() if entry != PhotoMetadata()}
 
 
-def metadata_from_json(row: Mapping[str, Any] | None) -> PhotoMetadata:
-    """Restores a row of `read_metadata`; None gives empty metadata."""
-    if row is None:
-        return PhotoMetadata()
-    frame, place, up = row.get("frame"), row.get("place"), row.get("up")
-    return PhotoMetadata(
-        None if frame is None else PanoramaFrame(**frame),
-        None if place is None else PhotoPlace(**place),
-        None if up is None else (float(up[0]), float(up[1]), float(up[2])),
-    )
-
-
 def _read(root: Path, photo: PhotoInfo) -> PhotoMetadata:
     try:
         with Image.open(root / photo.path, formats=IMAGE_FORMATS) as image:

@@ -24,11 +24,12 @@ from fastsplat.service.capture.photos.panorama import (
     shown_by_any,
     wrapped,
 )
-from fastsplat.service.capture.photos.photo_metadata import PhotoMetadata, metadata_from_json
+from fastsplat.service.capture.photos.photo_metadata import PhotoMetadata
 from fastsplat.service.capture.photos.photo_quality import PhotoQuality, measure_photo
 from fastsplat.service.capture.photos.withholding import WithheldPixels
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.image_decoding import reduced_size
+from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 from fastsplat_contract.photos.photo_verdicts import NotPlaced
 
@@ -87,7 +88,9 @@ def upright_photos(
         LimitExceededError: more faces than `max_images`.
         ResourceError: as `ImageDecoder.photo`.
     """
-    metadata = {photo.path: metadata_from_json(manifest.metadata.get(photo.path)) for photo in manifest.photos}
+    metadata = {
+        photo.path: from_plain(PhotoMetadata, manifest.metadata.get(photo.path, {})) for photo in manifest.photos
+    }
     frames = {photo.path: _frame(photo, metadata[photo.path], settings) for photo in manifest.photos}
     sides = [face_side(frame, settings.panorama_face_side) for frame in frames.values() if frame is not None]
     _check_count(len(frames) + (_FACES_A_PANORAMA - 1) * len(sides), settings)

@@ -66,7 +66,7 @@ class NamedFiles:
         """Makes one sentence for people per kind of difference between names and files."""
         return tuple(
             f"{len(found)} names in {self._document} differ from the files that they mean by {how}, e.g. "
-            f"{name[:200]} means {found[name][:200]}."
+            f"{name[:200].encode(errors='replace').decode()} means {found[name][:200]}."  # a document may have any text
             for how, found in self._differing.items()
             for name in islice(found, 1)
         )

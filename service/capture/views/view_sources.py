@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,7 +80,7 @@ class ViewSources:
             undistortion=lens.faces[0].undistortion,
             world_from_camera=pose,
             lossless=image.name.lower().endswith(".png") and image.photo is not None and image.face is None,
-            label_ids=self._ids_of_image(image),
+            label_ids=self._ids(image.photo, lambda name: source_ids(image, self.files, name, self.decoder)),
             mask=both_masks(both_masks(image.mask, opaque), self.held.usable(image.file)),
             exposure_ev=None if image.photo is None else image.photo.exposure_ev,
             taken_at=None if image.photo is None else image.photo.taken_at,
@@ -108,7 +108,7 @@ class ViewSources:
         pixels, mask = photo_in_use.pixels, both_masks(photo_in_use.usable, mask)
         self.log.add(lens, measure_photo(image.name, pixels))
         depth = self._depth(image, photo)
-        label_ids = self._ids_of_photo(photo, size)
+        label_ids = self._ids(photo, lambda name: self.decoder.ids(self.files, name, photo, size))
         for face, geometry in zip(lens.faces, geometries, strict=True):
             unchanged = geometry.undistortion.map_xy is None and size == photo.upright_size
             yield SourceImage(
@@ -137,22 +137,13 @@ class ViewSources:
             self.log.broken_maps.append(image.depth.path)
             return None
 
-    def _ids_of_image(self, image: SfmImage) -> NDArray[np.uint16] | None:
-        stored = None if image.photo is None else self.manifest.label_maps.get(image.photo.path)
+    def _ids(self, photo: PhotoInfo | None, read: Callable[[str], NDArray[np.uint16]]) -> NDArray[np.uint16] | None:
+        """Label ids of a photo's map, which `read` decodes by its name; None without a readable one."""
+        stored = None if photo is None else self.manifest.label_maps.get(photo.path)
         if stored is None or self.table is None:
             return None
         try:
-            return self.table.translate(source_ids(image, self.files, stored, self.decoder))
-        except _BROKEN:
-            self.log.broken_maps.append(stored)
-            return None
-
-    def _ids_of_photo(self, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.uint16] | None:
-        stored = self.manifest.label_maps.get(photo.path)
-        if stored is None or self.table is None:
-            return None
-        try:
-            return self.table.translate(self.decoder.ids(self.files, stored, photo, size))
+            return self.table.translate(read(stored))
         except _BROKEN:
             self.log.broken_maps.append(stored)
             return None

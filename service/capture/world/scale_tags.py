@@ -191,14 +191,8 @@ def _triangulate(seen: Sequence[tuple[PosedCamera, F64]]) -> tuple[F64, F64, flo
         if (local[:, 2] <= 0).any():
             return None
         residual = local[:, :2] / local[:, 2:] * focal + center - pixels
-        jacobian = np.zeros((len(seen), 2, 3))
-        for axis in range(2):
-            jacobian[:, axis] = (
-                focal[:, axis, None]
-                / local[:, 2:]
-                * (rotations[:, axis] - (local[:, axis] / local[:, 2])[:, None] * rotations[:, 2])
-            )
-        flat = jacobian.reshape(-1, 3)
+        slopes = (local[:, :2] / local[:, 2:])[..., None]
+        flat = ((focal / local[:, 2:])[..., None] * (rotations[:, :2] - slopes * rotations[:, 2:])).reshape(-1, 3)
         hessian = flat.T @ flat
         if np.linalg.cond(hessian) > 1e12:
             return None

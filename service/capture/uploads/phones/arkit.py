@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
+from fastsplat.service.capture.formats.bounded_json import read_json
+from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, check_position, no_points
@@ -26,6 +29,27 @@ _AGAIN = "Export the recording again."
 _Item = TypeVar("_Item")
 
 F64 = NDArray[np.float64]
+
+
+def json_object(root: Path, path: str, settings: CaptureSettings) -> dict[str, Any]:
+    """Reads a JSON object; raises `InvalidInputError` for another value, and as `read_json`."""
+    document = read_json(root / path, path, settings)
+    if not isinstance(document, dict):
+        raise InvalidInputError(f"{path} is not a JSON object", field=path, hint=_AGAIN)
+    return document
+
+
+def depth_file(
+    root: Path,
+    depth: PurePosixPath,
+    confidence: PurePosixPath,
+    unit: float = 0.001,
+    size: tuple[int, int] | None = None,
+) -> DepthFile | None:
+    """Finds a depth map, by default in millimeters, and its confidence map; None without a depth map."""
+    if not (root / depth).is_file():
+        return None
+    return DepthFile(str(depth), unit, size, str(confidence) if (root / confidence).is_file() else None)
 
 
 def world_from_camera(matrix: F64, field: str) -> F64:

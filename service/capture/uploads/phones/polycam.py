@@ -17,16 +17,12 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
-from fastsplat.service.capture.formats.bounded_json import read_json
-from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.phones import arkit
 from fastsplat.service.capture.uploads.posed_input import MissingImage, PosedDataset, PosedImage, missing_warning
-from fastsplat_contract.errors import InvalidInputError
 
 _FOLDERS = {"corrected_cameras": "corrected_images", "cameras": "images"}
 """Folders of poses and their photos; the first are optimized by Polycam."""
-_MILLIMETER = 0.001
 _PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
 _HEAD_BYTES = 4_096
 
@@ -73,24 +69,18 @@ def read_polycam(
 
 
 def _image(root: Path, path: str, photo: str, beside: PurePosixPath, settings: CaptureSettings) -> PosedImage:
-    document = read_json(root / path, path, settings)
-    if not isinstance(document, dict):
-        raise InvalidInputError(f"{path} is not a JSON object", field=path, hint="Export the recording again.")
+    document = arkit.json_object(root, path, settings)
     matrix = np.eye(4)
-    for row in range(3):
-        for column in range(4):
-            matrix[row, column] = arkit.number(document, f"t_{row}{column}", path)
+    matrix[:3] = [[arkit.number(document, f"t_{row}{column}", path) for column in range(4)] for row in range(3)]
     size = (arkit.pixel_count(document, "width", path), arkit.pixel_count(document, "height", path))
     intrinsics = [arkit.number(document, key, path) for key in ("fx", "fy", "cx", "cy")]
-    stem = PurePosixPath(path).stem
-    depth, confidence = ((beside / name / f"{stem}.png").as_posix() for name in ("depth", "confidence"))
-    has_depth, has_confidence = (root / depth).is_file(), (root / confidence).is_file()
+    maps = (beside / name / f"{PurePosixPath(path).stem}.png" for name in ("depth", "confidence"))
     return PosedImage(
         name=PurePosixPath(photo).name,
         path=photo,
         camera_model=arkit.pinhole(intrinsics, size, path),
         world_from_camera=arkit.world_from_camera(matrix, path),
-        depth=DepthFile(depth, _MILLIMETER, None, confidence if has_confidence else None) if has_depth else None,
+        depth=arkit.depth_file(root, *maps),
     )
 
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.bounded_json import read_json
-from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.phones import arkit
 from fastsplat.service.capture.uploads.posed_input import MissingImage, PosedDataset, PosedImage, missing_warning
@@ -57,6 +56,7 @@ def read_record3d(
             missing.append(MissingImage(f"{index}.jpg", photo))
             continue
         field = f"{name}: frame {index}"
+        maps = (folder / f"{index}.{suffix}" for suffix in ("depth", "conf"))
         with left_out.costs(photo, field):
             images.append(
                 PosedImage(
@@ -64,7 +64,7 @@ def read_record3d(
                     path=photo,
                     camera_model=arkit.pinhole(_intrinsics(document, index, name), size, field),
                     world_from_camera=arkit.world_from_camera(_matrix(poses[index], field), field),
-                    depth=_depth(root, folder, index, depth_size),
+                    depth=None if depth_size is None else arkit.depth_file(root, *maps, 1.0, depth_size),
                 )
             )
     warnings += missing_warning(name, missing, len(chosen), settings)
@@ -87,10 +87,3 @@ def _intrinsics(document: Mapping[str, Any], index: int, name: str) -> list[floa
         return [float(value) for value in arkit.numbers(rows[index], 4, f"{name}: perFrameIntrinsicCoeffs {index}")]
     k = arkit.numbers(document.get("K"), 9, f"{name}: K")
     return [float(k[0]), float(k[4]), float(k[6]), float(k[7])]
-
-
-def _depth(root: Path, folder: PurePosixPath, index: int, size: tuple[int, int] | None) -> DepthFile | None:
-    depth, confidence = ((folder / f"{index}.{suffix}").as_posix() for suffix in ("depth", "conf"))
-    if size is None or not (root / depth).is_file():
-        return None
-    return DepthFile(depth, 1.0, size, confidence if (root / confidence).is_file() else None)

@@ -15,15 +15,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
-from fastsplat.service.capture.formats.bounded_json import read_json
-from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.phones import arkit
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage
-from fastsplat_contract.errors import InvalidInputError
 
 _FRAME = re.compile(r"frame_(\d{1,9})\.json")
-_MILLIMETER = 0.001
 
 
 def find_scanner_app(files: Iterable[str]) -> str:
@@ -54,19 +50,16 @@ def _image(
     root: Path, place: PurePosixPath, name: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings
 ) -> PosedImage:
     path = (place / name).as_posix()
-    document = read_json(root / path, path, settings)
-    if not isinstance(document, dict):
-        raise InvalidInputError(f"{path} is not a JSON object", field=path, hint="Export the recording again.")
+    document = arkit.json_object(root, path, settings)
     photo = (place / name).with_suffix(".jpg").as_posix()
     k = arkit.numbers(document.get("intrinsics"), 9, f"{path}: intrinsics")
     matrix = arkit.numbers(document.get("cameraPoseARFrame"), 16, f"{path}: cameraPoseARFrame").reshape(4, 4)
     number = PurePosixPath(name).stem.removeprefix("frame_")
-    depth, confidence = ((place / f"{kind}_{number}.png").as_posix() for kind in ("depth", "conf"))
-    has_depth, has_confidence = (root / depth).is_file(), (root / confidence).is_file()
+    maps = (place / f"{kind}_{number}.png" for kind in ("depth", "conf"))
     return PosedImage(
         name=PurePosixPath(photo).name,
         path=photo,
         camera_model=arkit.pinhole([float(k[0]), float(k[4]), float(k[2]), float(k[5])], sizes[photo], path),
         world_from_camera=arkit.world_from_camera(matrix, path),
-        depth=DepthFile(depth, _MILLIMETER, None, confidence if has_confidence else None) if has_depth else None,
+        depth=arkit.depth_file(root, *maps),
     )

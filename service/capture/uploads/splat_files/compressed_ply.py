@@ -19,6 +19,7 @@ from fastsplat.service.capture.uploads.splat_files.rows import (
     bad_splat,
     check_count,
     logits,
+    smallest_three,
 )
 from fastsplat.service.common.ply_tables import ASCII, Element, PlyHeader, check_size, read_element
 
@@ -129,11 +130,4 @@ def _unpack_rotation(packed: U32) -> F32:
     """Unpacks quaternions w x y z, [K, 4]; the highest bits locate the omitted component."""
     components = np.stack([_unit(packed >> shift, 10) for shift in (20, 10, 0)], axis=1)
     components = (components - 0.5) * np.float32(np.sqrt(2))
-    largest = np.sqrt(np.maximum(0, 1 - (components**2).sum(axis=1)))
-    place = (packed >> 30).astype(np.intp)
-    quats = np.empty((len(packed), 4), np.float32)
-    for index in range(4):
-        rows = place == index
-        quats[np.ix_(rows, [column for column in range(4) if column != index])] = components[rows]
-        quats[rows, index] = largest[rows]
-    return quats
+    return smallest_three((packed >> 30).astype(np.intp), components)

@@ -27,6 +27,14 @@ def logits(stored: NDArray[np.uint8]) -> F32:
         return np.asarray(np.log(shares) - np.log1p(-shares))
 
 
+def smallest_three(place: NDArray[np.intp], smaller: F32) -> F32:
+    """Completes unit quaternions [K, 4] from the place [K] of the largest component and the others [K, 3], in order."""
+    quats, place = np.zeros((len(place), 4), np.float32), place[:, None]
+    np.put_along_axis(quats, np.arange(3) + (place <= np.arange(3)), smaller, axis=1)
+    np.put_along_axis(quats, place, np.sqrt(np.maximum(0, 1 - (smaller**2).sum(axis=1, keepdims=True))), axis=1)
+    return quats
+
+
 @dataclass(frozen=True)
 class SplatRows:
     """G Gaussians in file order, before activation, as in `service.scene.artefact.scene.Gaussians`."""

@@ -21,6 +21,7 @@ from fastsplat.service.capture.uploads.splat_files.rows import (
     bad_splat,
     check_count,
     logits,
+    smallest_three,
 )
 
 _META = "meta.json"
@@ -80,7 +81,7 @@ def _rows(archive: zipfile.ZipFile, meta: Mapping[str, Any], count: int) -> Spla
         sh = np.concatenate([sh, numbers("shN", "codebook", 256)[entries]], axis=1)
     rows = SplatRows(
         means=np.sign(logs) * np.expm1(np.abs(logs)),
-        quats=_smallest_three(pixels("quats")),
+        quats=_quaternions(pixels("quats")),
         log_scales=numbers("scales", "codebook", 256)[pixels("scales")[:, :3]],
         logit_opacities=logits(color[:, 3]),
         sh=np.ascontiguousarray(sh),
@@ -90,14 +91,10 @@ def _rows(archive: zipfile.ZipFile, meta: Mapping[str, Any], count: int) -> Spla
     return rows
 
 
-def _smallest_three(pixels: NDArray[np.uint8]) -> F32:
+def _quaternions(pixels: NDArray[np.uint8]) -> F32:
     """Unpacks quaternions w x y z, [G, 4]: smaller components, and 252 + the largest's index."""
-    place = np.clip(pixels[:, 3].astype(np.intp) - 252, 0, 3)[:, None]
     smaller = (pixels[:, :3] / np.float32(255) - np.float32(0.5)) * np.float32(np.sqrt(2))
-    quats = np.zeros((len(pixels), 4), np.float32)
-    np.put_along_axis(quats, np.arange(3) + (place <= np.arange(3)), smaller, axis=1)
-    np.put_along_axis(quats, place, np.sqrt(np.maximum(0, 1 - (smaller**2).sum(axis=1, keepdims=True))), axis=1)
-    return quats
+    return smallest_three(np.clip(pixels[:, 3].astype(np.intp) - 252, 0, 3), smaller)
 
 
 def _picture(archive: zipfile.ZipFile, name: str, most_pixels: int) -> NDArray[np.uint8]:

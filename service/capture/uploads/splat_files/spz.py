@@ -5,10 +5,10 @@ Axes are right, up, back unless an extension differs, and become those of 3DGS P
 
 from __future__ import annotations
 
+import gzip
 import os
 import struct
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -24,6 +24,7 @@ from fastsplat.service.capture.uploads.splat_files.rows import (
     bad_splat,
     check_count,
     logits,
+    smallest_three,
 )
 
 _MAX_DEGREE = len(SH_COUNTS) - 1
@@ -39,7 +40,6 @@ _MAX_EXTENSION_BYTES = 1 << 20
 _MAX_WINDOW_BYTES = 1 << 27
 _MAX_FRACTIONAL_BITS = 23
 _COLOR_SCALE = 0.15
-_PIECE = 1 << 20
 
 U8 = NDArray[np.uint8]
 
@@ -52,7 +52,7 @@ def read_spz(path: Path, name: str, limits: SplatLimits) -> SplatRows:
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
         file.seek(0)
-        pull = _inflated(file) if packed else file.read
+        pull = gzip.GzipFile(fileobj=file).read if packed else file.read
         try:
             count, degree, bits, version, flags = _read_header(name, pull(_HEADER.size), limits)
             if packed and version == 4:
@@ -73,13 +73,13 @@ def read_spz(path: Path, name: str, limits: SplatLimits) -> SplatRows:
                 columns[column] = np.frombuffer(content, np.uint8).reshape(count, -1)
             if version != 4 and pull(1):
                 raise bad_splat(name, f"goes on behind its {count} Gaussians")
-        except (zlib.error, zstandard.ZstdError) as error:
+        except (zlib.error, EOFError, gzip.BadGzipFile, zstandard.ZstdError) as error:
             raise bad_splat(name, f"is not a whole stream: {str(error)[:80]}") from error
     x, y, z = _signs(records if flags & _EXTENSIONS else b"", name)
     colors = (columns["colors"].astype(np.float32) / 255 - 0.5) / _COLOR_SCALE
     higher = (columns["sh"].astype(np.float32) - 128).reshape(count, -1, 3) / 128
     turned = np.array([y, z, x, x * y, y * z, 1, x * z, 1, y, x * y * z, y, z, x, z, x], np.float32)  # m = −l..l
-    quats = _first_three(columns["quats"]) if version == 2 else _smallest_three(columns["quats"])
+    quats = _first_three(columns["quats"]) if version == 2 else _quaternions(columns["quats"])
     return SplatRows(
         means=_fixed_point(columns["means"], bits) * np.array([x, y, z], np.float32) + 0,  # no −0
         quats=quats * np.array([1, y * z, x * z, x * y], np.float32) + 0,
@@ -87,22 +87,6 @@ def read_spz(path: Path, name: str, limits: SplatLimits) -> SplatRows:
         logit_opacities=logits(columns["alphas"][:, 0]),
         sh=np.concatenate([colors[:, None], higher * turned[: higher.shape[1], None]], axis=1),
     )
-
-
-def _inflated(file: BinaryIO) -> Callable[[int], bytes]:
-    """Makes a reader of unpacked bytes, which returns fewer only at the end."""
-    inflater = zlib.decompressobj(16 + zlib.MAX_WBITS)
-
-    def pull(size: int) -> bytes:
-        content = bytearray()
-        while len(content) < size and not inflater.eof:
-            source = inflater.unconsumed_tail or file.read(_PIECE)
-            if not source:
-                break
-            content += inflater.decompress(source, size - len(content))
-        return bytes(content)
-
-    return pull
 
 
 def _streams(file: BinaryIO, name: str, sizes: list[int]) -> tuple[list[bytes], bytes]:
@@ -170,19 +154,13 @@ def _first_three(packed: U8) -> F32:
     return np.concatenate([w, xyz], axis=1)
 
 
-def _smallest_three(packed: U8) -> F32:
+def _quaternions(packed: U8) -> F32:
     """Unpacks quaternions w x y z of version 3, [K, 4].
 
     Two bits index the largest of x y z w, the others have a sign and nine bits each, the last in the lowest.
     """
-    word = np.ascontiguousarray(packed).view("<u4")[:, 0]
-    place = (word >> 30).astype(np.intp)
-    xyzw = np.zeros((len(word), 4), np.float32)
-    for index in range(4):
-        rows = np.flatnonzero(place == index)
-        for shift, column in enumerate(component for component in (3, 2, 1, 0) if component != index):
-            part = word[rows] >> np.uint32(10 * shift)
-            magnitude = (part & 511).astype(np.float32) * np.float32(np.sqrt(0.5) / 511)
-            xyzw[rows, column] = np.where(part & 512, -magnitude, magnitude)
-        xyzw[rows, index] = np.sqrt(np.maximum(0, 1 - (xyzw[rows] ** 2).sum(axis=1)))
+    word = np.ascontiguousarray(packed).view("<u4")
+    parts = word >> np.array([20, 10, 0], np.uint32)
+    magnitudes = (parts & 511).astype(np.float32) * np.float32(np.sqrt(0.5) / 511)
+    xyzw = smallest_three((word[:, 0] >> 30).astype(np.intp), np.where(parts & 512, -magnitudes, magnitudes))
     return np.ascontiguousarray(xyzw[:, [3, 0, 1, 2]])
