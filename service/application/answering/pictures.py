@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
+from fastsplat.service.application.base.validate import check_viewpoint
 from fastsplat.service.query.drawing import pictures
 from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat.service.query.objects.object_index import SceneObjects
@@ -33,10 +34,7 @@ def question_of(request: PictureRequest) -> str:
         InvalidInputError: both or neither of camera and view, an unknown kind, a missing text, "npy" for a picture,
             JPEG for exact values, an invalid depth scale, or tints or coarse for another kind than rgb.
     """
-    if (request.camera is None) == (request.view is None):
-        raise InvalidInputError(
-            "a picture needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
-        )
+    check_viewpoint("picture", request.camera, request.view)
     kind, kinds = request.kind, get_args(PictureKind)
     if kind not in kinds:
         named = ", ".join(f'"{known}"' for known in kinds)

@@ -15,6 +15,7 @@ from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat_contract.codec.unseen_characters import check_seen
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.jobs.operations import (
     MAX_NADIR_DEG,
     MAX_PRIORITY,
@@ -34,6 +35,13 @@ _MAX_TIME_BUDGET_S = 24 * 3600.0
 """Limit of a scene's time budget."""
 
 _DEFAULT_PAGE = 50
+_CHOICES = {"up": UpAxis, "movers": Movers, "privacy": Privacy, "lens": Lens}
+_RANGES = {
+    "tolerance_db": (MIN_TOLERANCE_DB, MAX_TOLERANCE_DB, " dB", "0.3 is the default; less takes longer."),
+    "nadir_deg": (0.0, MAX_NADIR_DEG, "°", "25 hides a photographer or a tripod."),
+    "priority": (-MAX_PRIORITY, MAX_PRIORITY, "", "0 is usual."),
+}
+"""Options of a new scene with their least and largest value, its unit, and a hint."""
 
 
 def check_texts(value: object, field: str = "") -> None:
@@ -66,10 +74,15 @@ def check_pick(request: PickRequest) -> None:
             field=(places or ["pixel"])[-1],
             hint="Send one of pixel, box and point.",
         )
-    cameras = (request.camera is not None) + (request.view is not None)
-    if cameras > 1 or (cameras == 0 and places != ["point"]):
+    if places != ["point"] or not (request.camera is None and request.view is None):
+        check_viewpoint(places[0], request.camera, request.view)
+
+
+def check_viewpoint(subject: str, camera: PosedCamera | None, view: str | None) -> None:
+    """Raises `InvalidInputError` unless exactly one of camera and view is there."""
+    if (camera is None) == (view is None):
         raise InvalidInputError(
-            f"a {places[0]} needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
+            f"a {subject} needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
         )
 
 
@@ -168,19 +181,8 @@ def _check_choices(options: SceneOptions) -> None:
             raise InvalidInputError(
                 "a preset and a tolerance", field="tolerance_db", hint="Leave one out: a preset is a tolerance."
             )
-    if options.tolerance_db is not None and not MIN_TOLERANCE_DB <= options.tolerance_db <= MAX_TOLERANCE_DB:
-        raise LimitExceededError(
-            f"a tolerance of {options.tolerance_db:g} dB",
-            field="tolerance_db",
-            limit=f"{MIN_TOLERANCE_DB:g} to {MAX_TOLERANCE_DB:g} dB",
-            hint="0.3 is the default; less takes longer.",
-        )
-    if options.up is not None and options.up not in get_args(UpAxis):
-        raise InvalidInputError(
-            f"there is no axis {options.up[:20]!r}", field="up", hint=f"Use one of {', '.join(get_args(UpAxis))}."
-        )
-    for name, value, choices in (("movers", options.movers, Movers), ("privacy", options.privacy, Privacy)):
-        if value is not None and value not in get_args(choices):
+    for name, choices in _CHOICES.items():
+        if (value := getattr(options, name)) is not None and value not in get_args(choices):
             raise InvalidInputError(
                 f"{name} cannot be {value[:20]!r}", field=name, hint=f"Use one of {', '.join(get_args(choices))}."
             )
@@ -190,24 +192,11 @@ def _check_choices(options: SceneOptions) -> None:
             field="movers",
             hint="Leave one of movers and privacy out.",
         )
-    if options.lens is not None and options.lens not in get_args(Lens):
-        raise InvalidInputError(
-            f"there is no lens {options.lens[:20]!r}", field="lens", hint=f"Use one of {', '.join(get_args(Lens))}."
-        )
-    if options.nadir_deg is not None and not 0 <= options.nadir_deg <= MAX_NADIR_DEG:
-        raise LimitExceededError(
-            f"{options.nadir_deg:g}° around straight down",
-            field="nadir_deg",
-            limit=f"0 to {MAX_NADIR_DEG:g}",
-            hint="25 hides a photographer or a tripod.",
-        )
-    if abs(options.priority) > MAX_PRIORITY:
-        raise LimitExceededError(
-            f"a priority of {options.priority}",
-            field="priority",
-            limit=f"{-MAX_PRIORITY} to {MAX_PRIORITY}",
-            hint="0 is usual.",
-        )
+    for name, (low, high, unit, hint) in _RANGES.items():
+        if (number := getattr(options, name)) is not None and not low <= number <= high:
+            raise LimitExceededError(
+                f"{name} of {number:g}{unit}", field=name, limit=f"{low:g} to {high:g}{unit}", hint=hint
+            )
 
 
 def _check_budgets(options: SceneOptions, limits: StoreOptions) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.base.cache import BudgetedCache
 from fastsplat.service.application.base.memory import masks_bytes
+from fastsplat.service.application.base.validate import check_viewpoint
 from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians
@@ -141,10 +142,7 @@ class PromptedEdits:
 
 
 def _check(prompt: ObjectPrompt) -> None:
-    if (prompt.camera is None) == (prompt.view is None):
-        raise InvalidInputError(
-            "a prompt needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
-        )
+    check_viewpoint("prompt", prompt.camera, prompt.view)
     if not prompt.pixels and prompt.box is None:
         raise InvalidInputError(
             "a prompt without a pixel on the object or a box around it",
@@ -163,26 +161,14 @@ def _check(prompt: ObjectPrompt) -> None:
 
 def _in_picture(prompt: ObjectPrompt, posed: PosedCamera) -> PicturePrompt:
     from fastsplat.service.instances.prompt_answers import PicturePrompt
+    from fastsplat.service.query.objects.picking import check_box, check_pixel
 
-    width, height = posed.camera.width, posed.camera.height
     for name, pixels in (("pixels", prompt.pixels), ("background", prompt.background)):
         for number, pixel in enumerate(pixels):
-            if not (0 <= pixel.x < width and 0 <= pixel.y < height):
-                raise InvalidInputError(
-                    f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {width}×{height}",
-                    field=f"{name}[{number}]",
-                    limit=f"0 to below {width} and 0 to below {height}",
-                    hint="Send pixels of the camera's own picture.",
-                )
+            check_pixel(posed, pixel, f"{name}[{number}]")
     box = prompt.box
-    if box is not None and not (0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height):
-        raise InvalidInputError(
-            f"a box from ({box.left:g}, {box.top:g}) to ({box.right:g}, {box.bottom:g}) in a picture of "
-            f"{width}×{height}",
-            field="box",
-            limit=f"left below right, at most {width}; top below bottom, at most {height}",
-            hint="Send pixels of the camera's own picture.",
-        )
+    if box is not None:
+        check_box(posed, box)
     return PicturePrompt(_array(prompt.pixels), _array(prompt.background), None if box is None else _corners(box))
 
 

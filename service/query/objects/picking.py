@@ -32,14 +32,27 @@ Agreement = Callable[[int], float]
 """Agreement of a part, object or group with a place, 0..1, by its id."""
 
 
-def check_pixel(posed: PosedCamera, pixel: Pixel) -> None:
+def check_pixel(posed: PosedCamera, pixel: Pixel, field: str = "pixel") -> None:
     """Raises InvalidInputError for a pixel outside of a camera's picture."""
     width, height = posed.camera.width, posed.camera.height
     if not (0 <= pixel.x < width and 0 <= pixel.y < height):
         raise InvalidInputError(
             f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {width}×{height}",
-            field="pixel",
+            field=field,
             limit=f"0 to below {width} and 0 to below {height}",
+            hint="Send pixels of the camera's own picture.",
+        )
+
+
+def check_box(posed: PosedCamera, box: PixelBox) -> None:
+    """Raises InvalidInputError for a box outside of a camera's picture, or without area."""
+    width, height = posed.camera.width, posed.camera.height
+    if not (0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height):
+        raise InvalidInputError(
+            f"a box from ({box.left:g}, {box.top:g}) to ({box.right:g}, {box.bottom:g}) in a picture of "
+            f"{width}×{height}",
+            field="box",
+            limit=f"left below right, at most {width}; top below bottom, at most {height}",
             hint="Send pixels of the camera's own picture.",
         )
 
@@ -69,15 +82,7 @@ def pick_pixel(objects: SceneObjects, posed: PosedCamera, pixel: Pixel) -> tuple
 
 def pick_box(objects: SceneObjects, posed: PosedCamera, box: PixelBox) -> tuple[PickedLevel, ...]:
     """Picks the object and part with the largest IoU with a box; errors as `pick_pixel`."""
-    width, height = posed.camera.width, posed.camera.height
-    if not (0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height):
-        raise InvalidInputError(
-            f"a box from ({box.left:g}, {box.top:g}) to ({box.right:g}, {box.bottom:g}) in a picture of "
-            f"{width}×{height}",
-            field="box",
-            limit=f"left below right, at most {width}; top below bottom, at most {height}",
-            hint="Send pixels of the camera's own picture.",
-        )
+    check_box(posed, box)
     left, top = int(box.left), int(box.top)
     right, bottom = max(int(np.ceil(box.right)), left + 1), max(int(np.ceil(box.bottom)), top + 1)
 
