@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.base.memory import picture_bytes
-from fastsplat.service.application.base.paging import page_after
+from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.jobs.nameless_objects import SHEET_PHOTO_SIDE, drawn_sheet, kept_photos, written_on
 from fastsplat.service.query.drawing.contact_sheets import MOST_OBJECTS
@@ -45,7 +45,7 @@ class ContactSheets:
         )
         index, read_version = self._context.scenes.open(scene_id, version)
         nameless = [obj for obj in index.objects.listed if not obj.name]
-        page, token = page_after(nameless, lambda obj: obj.id, size, page_token, f"sheet {scene_id}")
+        page, token = page_of(nameless, size, page_token, f"sheet {scene_id}", lambda obj: obj.id)
         named = self._context.known_names.suggest(scene_id, index.ranked, page)
         folder = self._context.scenes.folder(scene_id, read_version)
         picture, objects = self._picture(index, named, folder) if named else (b"", ())

@@ -7,6 +7,7 @@ import binascii
 import hashlib
 import json
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -30,40 +31,26 @@ def read_page_token(token: str) -> tuple[float, str] | None:
     raise _unknown()
 
 
-def page_of(rows: Sequence[T], size: int, token: str, of: str) -> tuple[Sequence[T], str]:
-    """A page of an immutable sequence, and the next token ("" after the last page).
-
-    `of` names the sequence; tokens of other sequences raise `InvalidInputError`.
-    """
-    name = _digest(of)
-    start = 0
-    if token:
-        match _read(token):
-            case [int(start), str(said)] if said == name and 0 < start < len(rows):
-                pass
-            case _:
-                raise _unknown()
-    end = start + size
-    return rows[start:end], _write([end, name]) if end < len(rows) else ""
-
-
-def page_after(
-    rows: Sequence[T], number: Callable[[T], int], size: int, token: str, of: str
+def page_of(
+    rows: Sequence[T], size: int, token: str, of: str, number: Callable[[T], int] | None = None
 ) -> tuple[Sequence[T], str]:
-    """A page of rows sorted by unique numbers (from 1), and the next token.
+    """A page of a sequence, and the next token ("" after the last page).
 
-    Stable while rows come and go; `of` and errors as in `page_of`.
+    Args:
+        of: names the sequence; tokens of other sequences raise `InvalidInputError`.
+        number: of a row, ascending from 1, so that pages are stable while rows come and go; None: rows never change.
     """
-    last = 0
+    name, last = _digest(of), 0
     if token:
         match _read(token):
-            case [int(last), str(said)] if said == _digest(of):
+            case [int(last), str(said)] if said == name and (number is not None or 0 < last < len(rows)):
                 pass
             case _:
                 raise _unknown()
-    left = [row for row in rows if number(row) > last]
-    page = left[:size]
-    return page, _write([number(page[-1]), _digest(of)]) if len(left) > size else ""
+    numbers = range(1, len(rows) + 1) if number is None else list(map(number, rows))
+    begin = bisect_right(numbers, last)
+    end = begin + size
+    return rows[begin:end], _write([numbers[end - 1], name]) if end < len(rows) else ""
 
 
 def _digest(of: str) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.api.examples.scene_examples import OBJECTS
-from fastsplat.service.application.base.paging import page_after
+from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.jobs.nameless_objects import written_on
@@ -158,7 +158,7 @@ def test_pixels_far_from_an_object_do_not_make_it_small() -> None:
 def test_pages_by_number_miss_nothing_that_stays(numbers: list[int], size: int, data: st.DataObject) -> None:
     rows, stays, seen, token = sorted(numbers), set(numbers), [], ""
     while True:
-        page, token = page_after(rows, lambda row: row, size, token, "rows")
+        page, token = page_of(rows, size, token, "rows", int)
         assert len(page) <= size
         seen += page
         if not token:
@@ -168,7 +168,7 @@ def test_pages_by_number_miss_nothing_that_stays(numbers: list[int], size: int, 
         rows = [row for row in rows if row not in gone]
     assert seen == sorted(set(seen)) and stays <= set(seen)
     with pytest.raises(InvalidInputError):
-        page_after([1], lambda row: row, 1, page_after([1, 2], lambda row: row, 1, "", "others")[1], "rows")
+        page_of([1], 1, page_of([1, 2], 1, "", "others", int)[1], "rows", int)
 
 
 def test_lines_of_all_objects_are_told_once_the_likeliest_first_and_not_without_end() -> None:
