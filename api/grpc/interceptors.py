@@ -1,4 +1,4 @@
-"""What surrounds every RPC: errors as google.rpc.Status, access log, decoding, access control."""
+"""What surrounds every RPC: errors as google.rpc.Status, access log, access control."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ import logging
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import aclosing, asynccontextmanager
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 from urllib.parse import unquote
 
 import grpc
-from google.protobuf.message import DecodeError
 from grpc import aio
 from grpc_status import rpc_status
 
@@ -23,7 +21,7 @@ from fastsplat.api.access.gate import Gate
 from fastsplat.api.access.policy import UNMATCHED, is_known_route, rule_of
 from fastsplat.api.errors import accepted_request_id, refusal_of
 from fastsplat_contract.call import Rule
-from fastsplat_contract.errors import FastSplatError, InvalidInputError
+from fastsplat_contract.errors import FastSplatError
 
 Context: TypeAlias = aio.ServicerContext[Any, Any]
 
@@ -63,38 +61,6 @@ def _address(peer: str) -> str:
 Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"
 
 
-@dataclass(frozen=True)
-class _Unreadable:
-    """Placeholder for a message that could not be decoded."""
-
-    size: int
-
-
-class DecodingInterceptor(aio.ServerInterceptor):
-    """Refuses undecodable messages, in streams too, with INVALID_INPUT; gRPC says UNKNOWN or INTERNAL."""
-
-    async def intercept_service(
-        self,
-        continuation: Callable[[grpc.HandlerCallDetails], Awaitable[Handler | None]],
-        handler_call_details: grpc.HandlerCallDetails,
-    ) -> Handler | None:
-        handler = await continuation(handler_call_details)
-        if handler is None or handler.request_deserializer is None:
-            return handler
-        behavior = wrapped_behavior(handler)
-        method = str(handler_call_details.method)
-
-        async def unary(request: Any, context: Context) -> Any:
-            return await behavior(await _checked(request, context, method), context)
-
-        async def many(request: Any, context: Context) -> AsyncIterator[Any]:
-            async with aclosing(behavior(await _checked(request, context, method), context)) as responses:
-                async for response in responses:
-                    yield response
-
-        return replaced(handler, many if handler.response_streaming else unary, _decoder(handler.request_deserializer))
-
-
 MAKERS = {
     (False, False): grpc.unary_unary_rpc_method_handler,
     (False, True): grpc.unary_stream_rpc_method_handler,
@@ -104,51 +70,10 @@ MAKERS = {
 """What makes a handler, by whether its requests and its responses are streams."""
 
 
-def wrapped_behavior(handler: Handler) -> Callable[[Any, Context], Any]:
-    """Returns the function that a handler calls with its request(s) and context."""
-    behavior: Any = handler.unary_unary or handler.unary_stream or handler.stream_unary or handler.stream_stream
-    function: Callable[[Any, Context], Any] = behavior
-    return function
-
-
-def replaced(
-    handler: Handler, behavior: Callable[[Any, Context], Any], decoder: Callable[[bytes], Any] | None = None
-) -> Handler:
-    """Copies a handler with another behavior and, if given, another decoder."""
+def _replaced(handler: Handler, behavior: Callable[[Any, Context], Any]) -> Handler:
+    """Copies a handler with another behavior."""
     make = MAKERS[handler.request_streaming, handler.response_streaming]
-    return make(behavior, decoder or handler.request_deserializer, handler.response_serializer)
-
-
-async def _checked(request: Any, context: Context, method: str) -> Any:
-    if isinstance(request, _Unreadable):
-        async with guarded(context, method):  # aborts with the error's status
-            raise _refusal(request)
-    return _readable(request) if hasattr(request, "__aiter__") else request
-
-
-async def _readable(requests: AsyncIterator[Any]) -> AsyncIterator[Any]:
-    async for request in requests:
-        if isinstance(request, _Unreadable):
-            raise _refusal(request)
-        yield request
-
-
-def _refusal(message: _Unreadable) -> InvalidInputError:
-    return InvalidInputError(
-        f"{message.size} bytes that are no message of this call",
-        field="message",
-        hint="Encode requests by protos/fastsplat/v1/fastsplat.proto.",
-    )
-
-
-def _decoder(decode: Callable[[bytes], Any]) -> Callable[[bytes], Any]:
-    def decoded(content: bytes) -> Any:
-        try:
-            return decode(content)
-        except DecodeError:
-            return _Unreadable(len(content))
-
-    return decoded
+    return make(behavior, handler.request_deserializer, handler.response_serializer)
 
 
 _UNKNOWN = "unknown"
@@ -182,7 +107,7 @@ class AccessInterceptor(aio.ServerInterceptor):
 
 
 def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gate: Gate) -> Handler:
-    inner = wrapped_behavior(handler)
+    inner: Any = handler.unary_unary or handler.unary_stream or handler.stream_unary or handler.stream_stream
 
     @asynccontextmanager
     async def entered(context: Context) -> AsyncIterator[KeyWatch]:
@@ -213,7 +138,7 @@ def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gat
                 with watch.deferred():  # gRPC's own code must not be cancelled
                     await context.write(response)
 
-    return replaced(handler, many if handler.response_streaming else unary)
+    return _replaced(handler, many if handler.response_streaming else unary)
 
 
 def _status(context: Context) -> str:
@@ -226,4 +151,4 @@ def _refusing(handler: Handler | None, method: str, error: FastSplatError) -> Ha
         async with guarded(context, method):
             raise error
 
-    return grpc.unary_unary_rpc_method_handler(refuse) if handler is None else replaced(handler, refuse)
+    return grpc.unary_unary_rpc_method_handler(refuse) if handler is None else _replaced(handler, refuse)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import grpc
 from google.protobuf import empty_pb2, message_factory
-from google.protobuf.message import Message
+from google.protobuf.message import DecodeError, Message
 from grpc import aio
 
 from fastsplat.api.grpc.interceptors import MAKERS, Context, guarded
@@ -21,7 +21,7 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.calls import CALLS
 from fastsplat_contract.codec.proto_codec import from_proto, to_proto
-from fastsplat_contract.errors import CancelledError
+from fastsplat_contract.errors import CancelledError, InvalidInputError
 from fastsplat_contract.jobs.operations import Operation
 from fastsplat_contract.messages.pieces import CHUNK_BYTES, chunks, messages_of_query
 from fastsplat_contract.messages.queries import QueryRequest
@@ -52,8 +52,7 @@ def _message(handler: Handler[Any, Any], service: SceneService, threads: Threads
     """Builds a unary RPC; messages are converted on the thread."""
 
     async def behavior(request: Message, context: Context) -> Message:
-        async with guarded(context, handler.call.rpc):
-            return await handler.run(threads, lambda: _answered(handler.ask(service, _request_of(handler, request))))
+        return await handler.run(threads, lambda: _answered(handler.ask(service, _request_of(handler, request))))
 
     return behavior
 
@@ -62,10 +61,9 @@ def _file(handler: Handler[Any, Any], service: SceneService, threads: Threads) -
     """Builds an RPC that answers a file in chunks."""
 
     async def behavior(request: Message, context: Context) -> AsyncIterator[pb.Chunk]:
-        async with guarded(context, handler.call.rpc):
-            content = await handler.run(threads, lambda: handler.ask(service, _request_of(handler, request)))
-            for chunk in chunks(content):
-                yield pb.Chunk(data=chunk)
+        content = await handler.run(threads, lambda: handler.ask(service, _request_of(handler, request)))
+        for chunk in chunks(content):
+            yield pb.Chunk(data=chunk)
 
     return behavior
 
@@ -80,10 +78,35 @@ def _answered(value: Any) -> Message:
 
 
 def _handler(rpc: str, behavior: Behavior) -> grpc.RpcMethodHandler[Any, Any]:
+    """Decodes requests here, because gRPC says UNKNOWN or INTERNAL of undecodable ones."""
     method = _SERVICE.methods_by_name[rpc]
-    make = MAKERS[method.client_streaming, method.server_streaming]
     request, response = map(message_factory.GetMessageClass, (method.input_type, method.output_type))
-    return make(behavior, request.FromString, response.SerializeToString)
+
+    def decoded(content: bytes) -> Message:
+        try:
+            return request.FromString(content)
+        except DecodeError:
+            raise InvalidInputError(
+                f"{len(content)} bytes that are no message of this call",
+                field="message",
+                hint="Encode requests by protos/fastsplat/v1/fastsplat.proto.",
+            ) from None
+
+    def received(sent: Any) -> Any:
+        return (decoded(content) async for content in sent) if method.client_streaming else decoded(sent)
+
+    async def unary(sent: Any, context: Context) -> Message:
+        async with guarded(context, rpc):
+            message: Message = await behavior(received(sent), context)
+            return message
+
+    async def many(sent: Any, context: Context) -> AsyncIterator[Message]:
+        async with guarded(context, rpc), aclosing(behavior(received(sent), context)) as responses:
+            async for message in responses:
+                yield message
+
+    make = MAKERS[method.client_streaming, method.server_streaming]
+    return make(many if method.server_streaming else unary, None, response.SerializeToString)
 
 
 class _SceneServicer:
@@ -97,53 +120,48 @@ class _SceneServicer:
     async def CreateScene(
         self, request_iterator: AsyncIterator[pb.CreateSceneRequest], context: Context
     ) -> pb.Operation:
-        async with guarded(context, "CreateScene"):
-            operation = await self._threads.receive(
-                _whole(request_iterator, context),
-                lambda: StreamSink(self._service),
-                size=pb.CreateSceneRequest.ByteSize,
-                memory_bytes=2 * MAX_MESSAGE_BYTES,  # one is written while the next arrives
-            )
-            return _operation_message(operation)
+        operation = await self._threads.receive(
+            _whole(request_iterator, context),
+            lambda: StreamSink(self._service),
+            size=pb.CreateSceneRequest.ByteSize,
+            memory_bytes=2 * MAX_MESSAGE_BYTES,  # one is written while the next arrives
+        )
+        return _operation_message(operation)
 
     async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:
-        async with guarded(context, "WaitOperation"):
-            return _operation_message(await self._operations.wait(request.operation_id, request.timeout_s))
+        return _operation_message(await self._operations.wait(request.operation_id, request.timeout_s))
 
     async def WatchOperation(self, request: pb.WatchOperationRequest, context: Context) -> AsyncIterator[pb.Operation]:
-        async with guarded(context, "WatchOperation"):
-            first = await self._operations.current(request.operation_id)
-            async with aclosing(self._operations.changes(first)) as changes:
-                async for change in changes:
-                    yield _operation_message(change.operation)
+        first = await self._operations.current(request.operation_id)
+        async with aclosing(self._operations.changes(first)) as changes:
+            async for change in changes:
+                yield _operation_message(change.operation)
 
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:
         def messages() -> list[pb.QueryResponse]:
             return list(messages_of_query(self._service.answers.query(from_proto(QueryRequest, request))))
 
-        async with guarded(context, "Query"):
-            for message in await self._threads.answer(messages, background=pb.OUTPUT_MASK2D in request.outputs):
-                yield message
+        for message in await self._threads.answer(messages, background=pb.OUTPUT_MASK2D in request.outputs):
+            yield message
 
     async def StreamQuery(
         self, request_iterator: AsyncIterator[pb.StreamQueryRequest], context: Context
     ) -> AsyncIterator[pb.StreamQueryResponse]:
         answers = answer_stream(self._service, self._threads, aiter(request_iterator))
-        async with guarded(context, "StreamQuery"), aclosing(answers):
+        async with aclosing(answers):
             async for message in answers:
                 yield message
 
     async def DownloadPhoto(self, request: pb.DownloadPhotoRequest, context: Context) -> AsyncIterator[pb.Chunk]:
-        async with guarded(context, "DownloadPhoto"):
-            path, _ = await self._threads.call(
-                lambda: self._service.photos.path(request.scene_id, request.view, request.version)
-            )
-            file = await self._threads.call(lambda: path.open("rb"))
-            try:
-                while data := await self._threads.call(lambda: file.read(CHUNK_BYTES)):
-                    yield pb.Chunk(data=data)
-            finally:
-                file.close()
+        path, _ = await self._threads.call(
+            lambda: self._service.photos.path(request.scene_id, request.view, request.version)
+        )
+        file = await self._threads.call(lambda: path.open("rb"))
+        try:
+            while data := await self._threads.call(lambda: file.read(CHUNK_BYTES)):
+                yield pb.Chunk(data=data)
+        finally:
+            file.close()
 
 
 def _operation_message(operation: Operation) -> pb.Operation:

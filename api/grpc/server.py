@@ -10,7 +10,7 @@ from grpc_reflection.v1alpha import reflection
 
 from fastsplat.api.access.caller import in_callers_project
 from fastsplat.api.access.gate import Gate
-from fastsplat.api.grpc.interceptors import AccessInterceptor, DecodingInterceptor
+from fastsplat.api.grpc.interceptors import AccessInterceptor
 from fastsplat.api.grpc.rpcs import add_rpcs
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.threads import Threads
@@ -56,7 +56,7 @@ async def start_server(
     Port 0 takes a free one. Raises `ResourceError` if the port is not available.
     """
     server = aio.server(
-        interceptors=[AccessInterceptor(gate), DecodingInterceptor()],
+        interceptors=[AccessInterceptor(gate)],
         maximum_concurrent_rpcs=limits.connections,
         options=[
             ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
