@@ -12,7 +12,7 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.capture.views.kept_photos import read_photo
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.drawing.contact_sheets import MOST_OBJECTS, cell_side, contact_sheet, object_cell
-from fastsplat.service.query.measures.object_views import best_view_of_each, small_view
+from fastsplat.service.query.measures.object_views import best_view_of_each
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import CaptionerSettings
 from fastsplat_contract.messages.contact_sheets import ContactSheet, NeighborObject, SheetObject
@@ -68,7 +68,7 @@ def drawn_sheet(
         if name in photos:
             whole = read_photo(photos[name], SHEET_PHOTO_SIDE)
         else:
-            whole = index.render(small_view(index.view(name), SHEET_PHOTO_SIDE))
+            whole = index.render(index.view(name).limited_to(SHEET_PHOTO_SIDE))
         for obj in visible:
             if best[obj.id].name == name:
                 cells[obj.id] = object_cell(whole, best[obj.id].mask, side)

@@ -13,7 +13,6 @@ from scipy import ndimage
 
 from fastsplat.service.localization.later_views import LaterView
 from fastsplat.service.localization.photometric_refinement import Comparison
-from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.photos.localization import ChangeKind, DifferenceKind
 
 F32 = NDArray[np.float32]
@@ -280,10 +279,8 @@ def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
 
 def _surface(comparison: Comparison) -> F64:
     """World point of each pixel, float64 [H, W, 3]; NaN where nothing is."""
-    depth, pose = np.where(comparison.depth > 0, comparison.depth, np.nan), comparison.posed.world_from_camera
-    rows, columns = np.indices(depth.shape) + 0.5
-    local = comparison.posed.camera.rays(columns, rows) * depth[..., None]
-    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], np.float64)
+    rows, columns = np.indices(comparison.depth.shape) + 0.5
+    return comparison.posed.places(columns, rows, np.where(comparison.depth > 0, comparison.depth, np.nan))
 
 
 def _step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[LaterView]) -> float:
@@ -357,18 +354,19 @@ def _carved(
     centers = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
     seen, changed = np.zeros((2, len(centers)), np.int32)
     for comparison, (differs, unknown) in zip(comparisons, differing, strict=True):
-        rows, pixels, depth = _projected(comparison.posed, centers)
+        rows, at, depth = comparison.posed.in_picture(centers)
         if not len(rows):
             continue
-        surface = comparison.depth.ravel()[pixels]
-        sees = (surface > 0) & (depth <= surface + _BAND * width) & ~unknown.ravel()[pixels]
+        x, y = at.astype(np.intp).T
+        surface = comparison.depth[y, x]
+        sees = (surface > 0) & (depth <= surface + _BAND * width) & ~unknown[y, x]
         if on_surface:
             sees &= depth >= surface - _BAND * width
         if wide:
             reach = int(np.ceil(comparison.posed.camera.fx * width / float(np.median(depth))))
             differs = ndimage.maximum_filter(differs, reach | 1)
         seen[rows[sees]] += 1
-        changed[rows[sees & differs.ravel()[pixels]]] += 1
+        changed[rows[sees & differs[y, x]]] += 1
     agreeing = (changed >= fewest) & (changed >= (_AGREEING if wide else _AGREEING_FINE) * seen)
     labels, count = ndimage.label(agreeing.reshape(tuple(counts)), np.ones((3, 3, 3)))
     of = labels.ravel()
@@ -386,9 +384,9 @@ def _piece(
     """Projects voxels to a piece; None where fewer than two photos show enough of it."""
     views, masks, shares = [], [], []
     for row, (comparison, (differs, unknown)) in enumerate(zip(comparisons, differing, strict=True)):
-        _, pixels, _ = _projected(comparison.posed, points)
+        x, y = comparison.posed.in_picture(points)[1].astype(np.intp).T
         covered = np.zeros(differs.shape, np.bool_)
-        covered.ravel()[pixels] = True
+        covered[y, x] = True
         covered = ndimage.binary_closing(covered, np.ones((5, 5))) & ~unknown
         if covered.sum() < _FEWEST_PIXELS:
             continue
@@ -434,15 +432,3 @@ def _unexplained(pieces: Sequence[ChangedPiece], fewest: int) -> list[ChangedPie
             around = ndimage.maximum_filter(mask, _AROUND_PX)
             taken[view] = taken[view] | around if view in taken else around
     return result
-
-
-def _projected(posed: PosedCamera, points: F64) -> tuple[NDArray[np.intp], NDArray[np.intp], F64]:
-    """Projects points [K, 3]: rows of those inside the picture, their flat pixels and depths."""
-    camera, pose = posed.camera, posed.camera_from_world()
-    x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
-    ahead = np.flatnonzero(z > 1e-6)
-    z = z[ahead]
-    column = np.floor(camera.fx * x[ahead] / z + camera.cx).astype(np.intp)
-    row = np.floor(camera.fy * y[ahead] / z + camera.cy).astype(np.intp)
-    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-    return ahead[inside], row[inside] * camera.width + column[inside], z[inside]

@@ -18,7 +18,6 @@ from fastsplat.service.localization.keypoints import (
     find_keypoints,
     unit_rows,
 )
-from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.geometry.camera import PosedCamera
 
 if TYPE_CHECKING:  # torch loads when it is used
@@ -160,10 +159,7 @@ class _SeenKeypoints:
     @property
     def places(self) -> F64:
         """World positions, float64 [K, 3]; the camera's center without depth."""
-        points = self.keypoints.points
-        pose = self.posed.world_from_camera
-        local = self.posed.camera.rays(points[:, 0], points[:, 1]) * self.depths[:, None]
-        return np.asarray(local @ pose[:3, :3].T + pose[:3, 3])
+        return self.posed.places(*self.keypoints.points.T, self.depths)
 
 
 def _triangulate(photos: Sequence[_SeenKeypoints]) -> list[tuple[F64, NDArray[np.intp]]]:
@@ -183,13 +179,13 @@ def _triangulate(photos: Sequence[_SeenKeypoints]) -> list[tuple[F64, NDArray[np
         for peer in _neighbors(photos, number, places):
             tree = trees[peer]
             if tree is not None:
-                rows = _same(units[number], units[peer], tree, reprojected(photos[peer].posed, places), photos[peer])
+                rows = _same(units[number], units[peer], tree, photos[peer].posed.pixels(places), photos[peer])
                 seen.append((peer, np.where(photo.depths > 0, rows, -1)))
         first = _solved(photos, number, seen)
         inliers, counts = [], np.zeros(len(places), np.intp)
         for peer, rows in seen:
             points = photos[peer].keypoints.points[np.maximum(rows, 0)]
-            off = np.linalg.norm(reprojected(photos[peer].posed, first) - points, axis=1)
+            off = np.linalg.norm(photos[peer].posed.pixels(first) - points, axis=1)
             fits = (rows >= 0) & (off < _FITS_PX)
             inliers.append((peer, np.where(fits, rows, -1)))
             counts += fits
@@ -207,10 +203,9 @@ def _neighbors(photos: Sequence[_SeenKeypoints], number: int, places: F64) -> li
     scores = np.zeros(len(photos))
     for peer, photo in enumerate(photos):
         if peer != number:
-            pixels, camera = reprojected(photo.posed, sample), photo.posed.camera
-            inside = (pixels >= 0).all(axis=1) & (pixels < np.array([camera.width, camera.height])).all(axis=1)
+            rows, _, _ = photo.posed.in_picture(sample)
             angles = np.degrees(np.arccos(np.clip((rays * _directions(photo.posed, sample)).sum(axis=1), -1, 1)))
-            scores[peer] = (inside & (angles > _ANGLES_DEG[0]) & (angles < _ANGLES_DEG[1])).sum()
+            scores[peer] = ((angles > _ANGLES_DEG[0]) & (angles < _ANGLES_DEG[1]))[rows].sum()
     order = np.argsort(-scores, kind="stable")[:_NEIGHBORS]
     return [int(peer) for peer in order if scores[peer] > 0]
 

@@ -34,7 +34,6 @@ from fastsplat.service.localization.pose_solving import (
     solve_pose,
     undistorted,
 )
-from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.photos.localization import FocalSource, LocalizeRefusal
 
@@ -192,7 +191,7 @@ def _refined(
     deviation_px = shown_deviation(first, match.points[pose.inliers], covariance) * COMPARED_SIDE / longer
     if deviation_px > COMPARISON_DEVIATION_PX:
         posed, comparison, refined = refine_photometrically(picture, first, geometry, valid)
-        off = np.linalg.norm(reprojected(posed, match.points) - match.pixels, axis=1)
+        off = np.linalg.norm(posed.pixels(match.points) - match.pixels, axis=1)
         # The most similar view may contradict the matches in a blurred or changed place.
         if (off < error_px(posed.camera)).sum() >= _KEPT_INLIERS * len(pose.inliers):
             return posed, comparison, refined

@@ -63,7 +63,7 @@ def compared(
         valid: where the photo has content; None: everywhere.
         side: limit of the longer side, pixels.
     """
-    small = small_camera(posed, side)
+    small = posed.limited_to(side)
     size = small.camera.width, small.camera.height
     target = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32) / np.float32(255)
     seen = geometry(small)
@@ -119,14 +119,6 @@ def refine_photometrically(
         if gained < _ENOUGH:
             break
     return pose, best, pose is not posed
-
-
-def small_camera(posed: PosedCamera, side: int = COMPARED_SIDE) -> PosedCamera:
-    """Scales a camera down to at most `side` pixels."""
-    width, height = posed.camera.width, posed.camera.height
-    share = min(1.0, side / max(width, height))
-    size = max(1, round(width * share)), max(1, round(height * share))
-    return replace(posed, camera=posed.camera.scaled_to(*size))
 
 
 def _step(now: Comparison, scale: float) -> F64 | None:

@@ -11,7 +11,6 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.localization.matching import Matches
-from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.photos.localization import FocalSource
 
@@ -121,7 +120,7 @@ def refine_pose(pixels: F64, points: F64, matches: Matches, start: SolvedPose) -
             return None
         size = solved.posed.camera.width, solved.posed.camera.height
         posed = PosedCamera(pinhole(size, float(camera.params[0])), _world_from_camera(answer["cam_from_world"]))
-        inside = np.linalg.norm(reprojected(posed, points) - pixels, axis=1) < error_px(posed.camera)
+        inside = np.linalg.norm(posed.pixels(points) - pixels, axis=1) < error_px(posed.camera)
         solved = _with_inliers(posed, inside, matches, start.focal_source)
         if solved.keypoints < _FEWEST:
             return None
@@ -151,7 +150,7 @@ def radial_distortion(pixels: F64, points: F64, solved: SolvedPose, known: float
         known: k₁ of the scene's photos, used for a photo of their focal length unless its matches clearly contradict:
             with few or shallow points, distortion explains what a wrong pose explains.
     """
-    off = np.linalg.norm(reprojected(solved.posed, points[solved.inliers]) - pixels[solved.inliers], axis=1)
+    off = np.linalg.norm(solved.posed.pixels(points[solved.inliers]) - pixels[solved.inliers], axis=1)
     best, k1 = float(np.median(off)), 0.0
     if solved.keypoints >= _FEWEST_FOR_LENS:
         free = solved.focal_source in ("scene", "estimated")
@@ -235,7 +234,7 @@ def solve_jointly(
     solved = []
     for number, (source, camera) in enumerate(cameras):
         posed = PosedCamera(camera, world_from_rough @ rough[number])
-        off = np.linalg.norm(reprojected(posed, points[number]) - pixels[number], axis=1)
+        off = np.linalg.norm(posed.pixels(points[number]) - pixels[number], axis=1)
         start = _with_inliers(posed, off < _ROUGH * error_px(camera), matches[number], source)
         solution = (
             refine_pose(pixels[number], points[number], matches[number], start) if start.keypoints >= _FEWEST else None
@@ -257,12 +256,11 @@ def pose_covariance(posed: PosedCamera, pixels: F64, points: F64, *, focal_estim
         focal_estimated: the focal length comes from these matches.
     """
     jacobian, local = _pose_jacobian(posed, points)
-    camera, (x, y, z) = posed.camera, local.T
+    x, y, z = local.T
     if focal_estimated:
         by_focal = np.stack([x / z, y / z], axis=1)[:, :, None]
         jacobian = np.concatenate([jacobian, by_focal], axis=2)
-    projections = np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1)
-    residuals = (pixels - projections).ravel()
+    residuals = (pixels - posed.pixels(points)).ravel()
     deviation = max(_LEAST_PX, _MAD * float(np.median(np.abs(residuals))))
     rows = jacobian.reshape(-1, jacobian.shape[2])
     lengths = np.maximum(np.linalg.norm(rows, axis=0), 1e-12)

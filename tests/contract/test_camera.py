@@ -38,8 +38,14 @@ def test_a_ray_lands_where_it_comes_from() -> None:
     y, x = np.mgrid[0:5, 0:7] * 40.0 + 0.5
     local = _CAMERA.rays(x, y) * 2.5
     assert local.shape == (5, 7, 3) and (local[..., 2] == 2.5).all()
-    np.testing.assert_allclose(_CAMERA.fx * local[..., 0] / 2.5 + _CAMERA.cx, x)
-    np.testing.assert_allclose(_CAMERA.fy * local[..., 1] / 2.5 + _CAMERA.cy, y)
+    posed = PosedCamera(_CAMERA, _pose(0.3, 1.0))
+    places = posed.places(x, y, np.full(x.shape, 2.5))
+    np.testing.assert_allclose(posed.pixels(places), np.stack([x, y], axis=-1))
+    behind = posed.world_from_camera[:3, 3] - 2.5 * posed.world_from_camera[:3, 2]
+    rows, pixels, depths = posed.in_picture(np.stack([behind, places[3, 2], places[0, 0]]))
+    assert rows.tolist() == [1, 2]
+    np.testing.assert_allclose(pixels, [[80.5, 120.5], [0.5, 0.5]])
+    np.testing.assert_allclose(depths, 2.5)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from scipy.stats import chi2
 
 from fastsplat.service.localization.matching import Matches
 from fastsplat.service.localization.pose_solving import SolvedPose, pinhole, pose_covariance, refine_pose, solve_pose
-from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _NOISE_PX = 0.8
@@ -40,7 +39,7 @@ def test_the_truth_is_inside_in_at_least_as_many_cases_as_is_said(estimated: boo
     inside, count = 0, 60
     points = _points(120, 0)
     for seed in range(count):
-        pixels = reprojected(_posed(), points) + np.random.default_rng(seed).normal(scale=_NOISE_PX, size=(120, 2))
+        pixels = _posed().pixels(points) + np.random.default_rng(seed).normal(scale=_NOISE_PX, size=(120, 2))
         rows = np.arange(120)
         start = SolvedPose(_posed(), rows, 120, "estimated" if estimated else "given")
         found = refine_pose(pixels, points, Matches(rows, rows), start)
@@ -54,7 +53,7 @@ def test_the_truth_is_inside_in_at_least_as_many_cases_as_is_said(estimated: boo
 def test_four_times_as_many_matches_halve_the_deviations() -> None:
     def deviations(count: int) -> np.ndarray:
         points = _points(count, 1)
-        pixels = reprojected(_posed(), points) + np.random.default_rng(2).normal(scale=_NOISE_PX, size=(count, 2))
+        pixels = _posed().pixels(points) + np.random.default_rng(2).normal(scale=_NOISE_PX, size=(count, 2))
         return np.sqrt(np.diag(pose_covariance(_posed(), pixels, points, focal_estimated=False)))
 
     np.testing.assert_allclose(deviations(400) / deviations(1600), 2.0, rtol=0.25)
@@ -62,14 +61,14 @@ def test_four_times_as_many_matches_halve_the_deviations() -> None:
 
 def test_an_unknown_focal_length_makes_a_pose_less_sure() -> None:
     points = _points(200, 3)
-    pixels = reprojected(_posed(), points) + np.random.default_rng(4).normal(scale=_NOISE_PX, size=(200, 2))
+    pixels = _posed().pixels(points) + np.random.default_rng(4).normal(scale=_NOISE_PX, size=(200, 2))
     known, unknown = (pose_covariance(_posed(), pixels, points, focal_estimated=flag) for flag in (False, True))
     assert (np.linalg.eigvalsh(unknown - known) >= -1e-12).all() and np.trace(unknown) > 1.5 * np.trace(known)
 
 
 def test_it_turns_with_the_world() -> None:
     points = _points(100, 5)
-    pixels = reprojected(_posed(), points) + np.random.default_rng(6).normal(scale=_NOISE_PX, size=(100, 2))
+    pixels = _posed().pixels(points) + np.random.default_rng(6).normal(scale=_NOISE_PX, size=(100, 2))
     turn = Rotation.from_euler("xyz", [1.0, 0.2, -0.7]).as_matrix()
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = turn, [3.0, 1.0, -2.0]
@@ -82,7 +81,7 @@ def test_it_turns_with_the_world() -> None:
 
 def test_outliers_do_not_move_the_pose() -> None:
     points, rng = _points(150, 7), np.random.default_rng(8)
-    pixels = reprojected(_posed(), points) + rng.normal(scale=_NOISE_PX, size=(150, 2))
+    pixels = _posed().pixels(points) + rng.normal(scale=_NOISE_PX, size=(150, 2))
     wrong = rng.permutation(150)[:90]
     pixels[wrong] = rng.uniform(0, 600, size=(90, 2))
     rows = np.arange(150)

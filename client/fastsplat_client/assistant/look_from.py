@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
@@ -41,17 +42,14 @@ def look_from(
     viewpoint: str | PosedCamera
     if position is not None and target is not None:
         viewpoint = free_view(np.array(position), np.array(target), _up(scene_info))
-    elif view:
-        viewpoint = _reduced(next((camera for camera in scene_info.cameras if camera.name == view), view))
-    elif object_id:
-        best = client.best_views(scene_info.id, object_id, max_views=1)
-        if not best:
-            raise InvalidInputError(f"no camera of the scene sees object {object_id}", field="object_id")
-        viewpoint = _reduced(
-            next((camera for camera in scene_info.cameras if camera.name == best[0].view), best[0].view)
-        )
     else:
-        viewpoint = _reduced(scene_info.cameras[0])
+        if object_id and not view:
+            best = client.best_views(scene_info.id, object_id, max_views=1)
+            if not best:
+                raise InvalidInputError(f"no camera of the scene sees object {object_id}", field="object_id")
+            view = best[0].view
+        posed = next((posed for posed in scene_info.cameras if view in ("", posed.name)), None)
+        viewpoint = replace(posed.limited_to(_MOST_PIXELS_A_SIDE), name="") if posed else view
     tints = [Tint((object_id,), _HIGHLIGHT, 0.55)] if object_id else []
     jpeg = client.picture(
         scene_info.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if object_id else 0.0
@@ -82,12 +80,3 @@ def _up(scene: Scene) -> NDArray[np.float64]:
     total = np.sum([-camera.world_from_camera[:3, 1] for camera in cameras], axis=0) if cameras else np.zeros(3)
     length = float(np.linalg.norm(total))
     return total / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
-
-
-def _reduced(viewpoint: str | PosedCamera) -> str | PosedCamera:
-    if isinstance(viewpoint, str):
-        return viewpoint
-    camera = viewpoint.camera
-    factor = min(1.0, _MOST_PIXELS_A_SIDE / max(camera.width, camera.height))
-    size = max(1, round(camera.width * factor)), max(1, round(camera.height * factor))
-    return PosedCamera(camera.scaled_to(*size), viewpoint.world_from_camera)

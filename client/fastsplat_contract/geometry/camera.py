@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -51,6 +51,11 @@ class Camera:
         sx, sy = width / self.width, height / self.height
         return Camera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
 
+    def limited_to(self, side: int) -> Camera:
+        """The same camera, scaled down until its longer side has at most `side` pixels."""
+        share = min(1.0, side / max(self.width, self.height))
+        return self.scaled_to(max(1, round(self.width * share)), max(1, round(self.height * share)))
+
     def rays(self, x: NDArray[Any] | float, y: NDArray[Any] | float) -> NDArray[np.float64]:
         """Returns the points of depth 1 that land at pixels x, y of a shape [...]: camera frame, float64 [..., 3]."""
         across, down = (np.asarray(x) - self.cx) / self.fx, (np.asarray(y) - self.cy) / self.fy
@@ -69,8 +74,8 @@ class PosedCamera:
     Examples:
         >>> from fastsplat_contract.geometry.poses import look_at
         >>> posed = PosedCamera(Camera(640, 480, 500.0, 500.0, 320.0, 240.0), look_at([0, -2, 0], [0, 0, 0]))
-        >>> posed.camera_from_world() @ [0, 0, 0, 1]
-        array([0., 0., 2., 1.])
+        >>> posed.camera_from_world() @ [0, 0, 0, 1], posed.pixels(np.zeros(3))
+        (array([0., 0., 2., 1.]), array([320., 240.]))
     """
 
     wire: ClassVar[type] = viewpoint.PosedCamera
@@ -90,6 +95,29 @@ class PosedCamera:
         inverse[:3, :3] = rotation.T
         inverse[:3, 3] = -rotation.T @ translation
         return inverse
+
+    def limited_to(self, side: int) -> PosedCamera:
+        """As `Camera.limited_to`."""
+        return replace(self, camera=self.camera.limited_to(side))
+
+    def pixels(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Where world points [..., 3] land, float64 [..., 2]; infinite if not in front of the camera."""
+        local = (points - self.world_from_camera[:3, 3]) @ self.world_from_camera[:3, :3]
+        camera = self.camera
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = local[..., :2] / local[..., 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+        return np.where(local[..., 2:] > 0, pixels, np.inf)
+
+    def in_picture(self, points: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+        """Rows of the world points [P, 3] in the picture, [K], hidden or not; their pixels [K, 2] and depths [K]."""
+        pixels = self.pixels(points)
+        rows = np.flatnonzero(((pixels >= 0) & (pixels < (self.camera.width, self.camera.height))).all(axis=1))
+        return rows, pixels[rows], (points[rows] - self.world_from_camera[:3, 3]) @ self.world_from_camera[:3, 2]
+
+    def places(self, x: NDArray[Any], y: NDArray[Any], depths: NDArray[Any]) -> NDArray[np.float64]:
+        """World points [..., 3] that land at pixels x, y, with depths of the same shape [...]."""
+        pose = self.world_from_camera
+        return np.asarray((self.camera.rays(x, y) * depths[..., None]) @ pose[:3, :3].T + pose[:3, 3])
 
     def to_wire(self) -> viewpoint.PosedCamera:
         """Position and quaternion x y z w with w ≥ 0, in OpenCV axes and the world frame."""

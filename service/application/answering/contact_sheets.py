@@ -11,7 +11,7 @@ from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.jobs.nameless_objects import SHEET_PHOTO_SIDE, drawn_sheet, kept_photos, written_on
 from fastsplat.service.query.drawing.contact_sheets import MOST_OBJECTS
-from fastsplat.service.query.measures.object_views import small_view
+from fastsplat.service.query.measures.object_views import OBJECT_VIEW_SIDE
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.messages.contact_sheets import ContactSheet, SheetObject
 from fastsplat_contract.messages.objects import SceneObject
@@ -61,7 +61,7 @@ class ContactSheets:
         cameras, gaussians = index.scene.cameras, len(index.scene.gaussians)
         if not cameras:
             return b"", ()
-        small, large = small_view(cameras[0]), small_view(cameras[0], SHEET_PHOTO_SIDE)
+        small, large = cameras[0].limited_to(OBJECT_VIEW_SIDE), cameras[0].limited_to(SHEET_PHOTO_SIDE)
         held = picture_bytes("object_map", small, gaussians) + picture_bytes("rgb", large, gaussians)
         with self._context.memory.reserve(held, "objects"):
             return drawn_sheet(index, objects, lambda views: self._photos(index, folder, views))

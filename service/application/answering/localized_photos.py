@@ -14,7 +14,6 @@ from fastsplat.service.capture.uploads.sent_photos import SentPhoto
 from fastsplat.service.localization.acceptance import explanation_of
 from fastsplat.service.localization.landmarks import Landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
-from fastsplat.service.localization.photometric_refinement import small_camera
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.object_prompts import PixelBox
@@ -99,7 +98,7 @@ def _answer(
 
 
 def _objects(index: SceneIndex, posed: PosedCamera) -> tuple[ObjectInView, ...]:
-    small = small_camera(posed, _VIEW_SIDE)
+    small = posed.limited_to(_VIEW_SIDE)
     ids = index.objects.map(small)
     x, y = posed.camera.width / small.camera.width, posed.camera.height / small.camera.height
     seen = []

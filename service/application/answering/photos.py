@@ -16,7 +16,7 @@ from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.capture.photos.scene_photos import observed_photo_path, photo_path
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
-from fastsplat.service.query.measures.object_views import best_object_views, small_view
+from fastsplat.service.query.measures.object_views import OBJECT_VIEW_SIDE, best_object_views
 from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.codec.json_codec import from_plain
@@ -138,7 +138,9 @@ class Photos:
         )
         if not object_ids or not index.scene.cameras:
             return BestViewList((), read_version)
-        size = picture_bytes("object_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
+        size = picture_bytes(
+            "object_map", index.scene.cameras[0].limited_to(OBJECT_VIEW_SIDE), len(index.scene.gaussians)
+        )
         with self._context.memory.reserve(size, "objects"):
             best = best_object_views(index, object_ids, max_views or _USUAL_VIEWS)
         views = (

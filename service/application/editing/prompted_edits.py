@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,7 +103,7 @@ class PromptedEdits:
         try:
             posed = index.viewpoint(edit.prompt.camera, edit.prompt.view)
             prompt = _in_picture(edit.prompt, posed)
-            small = self._picture_of(posed)
+            small = posed.limited_to(self._settings.prompts.max_side)
             prompt = prompt.scaled(small.camera.width / posed.camera.width, small.camera.height / posed.camera.height)
             ids = index.objects.map(small)
             _check_on_object(prompt, ids, object_id)
@@ -117,7 +117,10 @@ class PromptedEdits:
             index.objects.owner == object_id if object_id else None,
             opened.segmenter,
             lambda view: opened.embedding(gaussians, view, lambda: index.render(view)),
-            lambda rows: [self._picture_of(view) for view in further_views(index.scene, rows, posed, more)],
+            lambda rows: [
+                view.limited_to(self._settings.prompts.max_side)
+                for view in further_views(index.scene, rows, posed, more)
+            ],
             index.settings.backend,
         )
         piece = find_piece(scene, small, prompt, ids)
@@ -134,11 +137,6 @@ class PromptedEdits:
             lambda: _SEGMENTER_BYTES,
             lambda: _OpenSegmenter(open_segmenter(perception, settings.models)),
         )
-
-    def _picture_of(self, posed: PosedCamera) -> PosedCamera:
-        from fastsplat.service.splatting.training_views import training_size
-
-        return replace(posed, camera=training_size(posed.camera, self._settings.prompts.max_side))
 
 
 def _check(prompt: ObjectPrompt) -> None:

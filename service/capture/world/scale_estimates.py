@@ -42,15 +42,10 @@ def depth_ratio(views: Sequence[View], points: NDArray[np.float32]) -> tuple[flo
     for view in views:
         if view.depth is None:
             continue
-        depth, camera = load_depth(view.depth), view.depth.camera
-        camera_from_world = view.posed.camera_from_world()
-        local = points.astype(np.float64) @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
-        local = local[local[:, 2] > 1e-9]
-        columns = np.floor(local[:, 0] / local[:, 2] * camera.fx + camera.cx)
-        rows = np.floor(local[:, 1] / local[:, 2] * camera.fy + camera.cy)
-        inside = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
-        at = rows[inside].astype(np.int64), columns[inside].astype(np.int64)
-        ratio = (depth[at] / local[inside, 2])[inner_pixels(depth)[at]]
+        depth = load_depth(view.depth)
+        _, pixels, distances = replace(view.posed, camera=view.depth.camera).in_picture(points)
+        columns, rows = pixels.astype(np.intp).T
+        ratio = (depth[rows, columns] / distances)[inner_pixels(depth)[rows, columns]]
         if len(ratio) >= _LEAST_POINTS:
             ratio = ratio[np.abs(ratio / np.median(ratio) - 1) <= _SAME_SURFACE]
         if len(ratio) >= _LEAST_POINTS:

@@ -15,7 +15,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.sentences.enclosures import may_hold
 from fastsplat.service.query.objects.solid_gaussians import solid_rows
 from fastsplat.service.query.objects.unseen_space import hiding_points
-from fastsplat.service.query.objects.visibility import SightLines
+from fastsplat.service.query.objects.visibility import SightLines, shows
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.assessment import common_point
 from fastsplat.service.scene.artefact.scene import Scene
@@ -146,9 +146,10 @@ def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
     total = np.zeros((len(points), 3))
     for posed in cameras:
         check_cancelled()
-        visible, directions = _view_of(posed, points)
-        seen += visible
-        total += np.where(visible[:, None], directions, 0.0)
+        rows, _, _ = posed.in_picture(points)
+        towards = posed.world_from_camera[:3, 3] - points[rows]
+        seen[rows] += 1
+        total[rows] += towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
     mean = np.linalg.norm(total, axis=1) / np.maximum(seen, 1)
     # The mean of directions evenly within an angle of ±a has the length sin(a) / a on a circle: 0.989 for 15°.
     narrow = mean > np.sin(np.radians(_THIN_DEG)) / np.radians(_THIN_DEG)
@@ -160,7 +161,7 @@ def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
             return
         patch = thin & (cells == cell)
         target = points[patch].mean(axis=0)
-        views = [posed for posed in cameras if _view_of(posed, target[None])[0][0]]
+        views = [posed for posed in cameras if shows(posed, target)]
         if not views:
             continue
         near = min(views, key=lambda posed: float(np.linalg.norm(posed.world_from_camera[:3, 3] - target)))
@@ -177,17 +178,6 @@ def _crowded(points: F64, place: F64, target: F64) -> bool:
     """True if a viewpoint is inside something, relative to its distance from the target."""
     clear = _CLEAR * float(np.linalg.norm(target - place))
     return bool((np.linalg.norm(points - place, axis=1) < clear).sum() >= _INSIDE)
-
-
-def _view_of(posed: PosedCamera, points: F64) -> tuple[NDArray[np.bool_], F64]:
-    """Visibility mask [K] of points [K, 3] in a camera, and unit directions [K, 3] to it."""
-    pose, camera = posed.world_from_camera, posed.camera
-    offsets = points - pose[:3, 3]
-    local = offsets @ pose[:3, :3]
-    depth = np.where(local[:, 2] > 1e-9, local[:, 2], np.inf)
-    column, row = camera.fx * local[:, 0] / depth + camera.cx, camera.fy * local[:, 1] / depth + camera.cy
-    inside = np.isfinite(depth) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-    return inside, -offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-12)
 
 
 def _up(scene: Scene) -> F64:

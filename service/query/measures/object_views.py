@@ -12,11 +12,11 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.objects.solid_gaussians import masses
 from fastsplat.service.query.objects.visibility import view_scores
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat_contract.geometry.camera import PosedCamera
 
 _CANDIDATES = 5
 """Extra candidates rendered, since the first selection is only estimated."""
-_SIDE = 256
+OBJECT_VIEW_SIDE = 256
+"""Pixels of the longer side of the small object maps."""
 _CUT_OFF = 0.4
 """Weight of a view that cuts the objects off, as for descriptors."""
 
@@ -28,7 +28,7 @@ class ObjectView:
     name: str  # of the camera
     share: float  # of the picture's pixels that show them, 0..1
     cut_off: bool  # whether they reach the picture's edge
-    mask: NDArray[np.bool_] = field(repr=False)  # bool [H, W], where they are, at most 256 pixels a side
+    mask: NDArray[np.bool_] = field(repr=False)  # bool [H, W], where they are, of `OBJECT_VIEW_SIDE`
 
 
 def best_object_views(index: SceneIndex, object_ids: Sequence[int], count: int) -> tuple[ObjectView, ...]:
@@ -41,7 +41,7 @@ def best_object_views(index: SceneIndex, object_ids: Sequence[int], count: int) 
     seen: list[ObjectView] = []
     for number in (-scores[0]).argsort(kind="stable")[: count + _CANDIDATES] if len(views) else ():
         check_cancelled()
-        mask = objects.mask(small_view(views[number]), object_ids)
+        mask = objects.mask(views[number].limited_to(OBJECT_VIEW_SIDE), object_ids)
         if mask.any():
             seen.append(_view(views[number].name, mask))
     seen.sort(key=_worth, reverse=True)
@@ -55,7 +55,7 @@ def best_view_of_each(index: SceneIndex, object_ids: Sequence[int]) -> Mapping[i
     seen: dict[int, list[ObjectView]] = {}
     for name in sorted({name for object_id in object_ids for name in seen_by.get(object_id, ())}):
         check_cancelled()
-        object_map = index.objects.map(small_view(cameras[name]))
+        object_map = index.objects.map(cameras[name].limited_to(OBJECT_VIEW_SIDE))
         for target_id in object_ids:
             if name in seen_by.get(target_id, ()) and (mask := object_map == target_id).any():
                 seen.setdefault(target_id, []).append(_view(name, mask))
@@ -69,10 +69,3 @@ def _view(name: str, mask: NDArray[np.bool_]) -> ObjectView:
 
 def _worth(view: ObjectView) -> float:
     return view.share * (_CUT_OFF if view.cut_off else 1.0)
-
-
-def small_view(posed: PosedCamera, side: int = _SIDE) -> PosedCamera:
-    """Scales a view to at most `side` pixels a side."""
-    scale = min(1.0, side / max(posed.camera.width, posed.camera.height))
-    width, height = (max(1, round(side * scale)) for side in (posed.camera.width, posed.camera.height))
-    return PosedCamera(posed.camera.scaled_to(width, height), posed.world_from_camera)

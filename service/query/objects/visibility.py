@@ -20,7 +20,6 @@ _MAX_OCCLUDERS = 1 << 16
 _MAX_SAMPLES = 256
 _GRID = 64
 _SLACK = 0.08
-_NEAR = 1e-6
 
 
 def best_views(scene: Scene, objects: Sequence[NDArray[np.int64]], weights: F64) -> tuple[tuple[str, ...], ...]:
@@ -68,10 +67,7 @@ def spread_views(cameras: Sequence[PosedCamera], most: int = _MAX_VIEWS) -> tupl
 
 def shows(posed: PosedCamera, place: Sequence[float]) -> bool:
     """True if a world point is in a camera's picture, hidden or not."""
-    x, y, z = (posed.camera_from_world() @ [*place, 1.0])[:3]
-    camera = posed.camera
-    u, v = camera.fx * x + camera.cx * z, camera.fy * y + camera.cy * z
-    return bool(z > _NEAR and 0 <= u < camera.width * z and 0 <= v < camera.height * z)
+    return bool(len(posed.in_picture(np.array([place]))[0]))
 
 
 class SightLines:
@@ -104,14 +100,8 @@ class SightLines:
 
     def cells(self, points: F64) -> tuple[NDArray[np.int64], F64, NDArray[np.int64]]:
         """Cell, z and row of the points inside the image."""
-        camera, pose = self._posed.camera, self._posed.camera_from_world()
-        x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
-        ahead = np.flatnonzero(z > _NEAR)
-        z = z[ahead]
-        u, v = camera.fx * x[ahead] / z + camera.cx, camera.fy * y[ahead] / z + camera.cy
-        within = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-        cell = (v[within] // self._step).astype(np.int64) * self._columns + (u[within] // self._step).astype(np.int64)
-        return cell, z[within], ahead[within]
+        rows, pixels, depths = self._posed.in_picture(points)
+        return (pixels // self._step).astype(np.int64) @ np.array([1, self._columns]), depths, rows
 
 
 def _around(values: NDArray[Any]) -> NDArray[Any]:

@@ -75,7 +75,7 @@ def surface_cameras(cameras: Sequence[PosedCamera], settings: QuerySettings) -> 
         )
     count = min(len(cameras), settings.surface_views)
     rows = np.unique(np.linspace(0, len(cameras) - 1, count).round().astype(int))
-    return tuple(_scaled(cameras[row], settings.surface_side) for row in rows)
+    return tuple(cameras[row].limited_to(settings.surface_side) for row in rows)
 
 
 def surface_views(index: SceneIndex) -> tuple[SurfaceView, ...]:
@@ -101,23 +101,15 @@ def surface_views(index: SceneIndex) -> tuple[SurfaceView, ...]:
 def back_projected(view: SurfaceView) -> F32:
     """World points of the pixels that have a depth, float32 [K, 3]."""
     rows, columns = np.nonzero(view.depth)
-    local = view.posed.camera.rays(columns + 0.5, rows + 0.5) * view.depth[rows, columns, None].astype(np.float64)
-    pose = view.posed.world_from_camera
-    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], np.float32)
+    return view.posed.places(columns + 0.5, rows + 0.5, view.depth[rows, columns]).astype(np.float32)
 
 
-def projected(view: SurfaceView, points: F32) -> tuple[NDArray[np.intp], NDArray[np.intp], F32]:
+def projected(view: SurfaceView, points: F32) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
     """Projects points [P, 3] to pixels with depth: rows, flat pixels, camera z, [K]."""
-    camera = view.posed.camera
-    viewmat = view.posed.camera_from_world().astype(np.float32)
-    local = points @ viewmat[:3, :3].T + viewmat[:3, 3]
-    z = local[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        u, v = camera.fx * local[:, 0] / z + camera.cx, camera.fy * local[:, 1] / z + camera.cy
-        inside = np.flatnonzero((z > 0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height))
-    pixels = v[inside].astype(np.intp) * camera.width + u[inside].astype(np.intp)
-    known = view.depth.reshape(-1)[pixels] > 0
-    return inside[known], pixels[known], z[inside[known]]
+    rows, pixels, depths = view.posed.in_picture(points)
+    flat = pixels.astype(np.intp) @ np.array([1, view.posed.camera.width])
+    known = view.depth.reshape(-1)[flat] > 0
+    return rows[known], flat[known], depths[known]
 
 
 def observed(points: F32, views: Sequence[SurfaceView], band: float) -> SurfaceSamples:
@@ -184,12 +176,3 @@ def _most_voted(
     order = np.lexsort((-pairs.astype(np.int64), sums))  # the last of a row to be written is the heaviest
     winners[(pairs[order] >> np.uint64(32)).astype(np.intp)] = (pairs[order] & np.uint64(0xFFFFFFFF)).astype(np.uint32)
     return winners
-
-
-def _scaled(posed: PosedCamera, side: int) -> PosedCamera:
-    camera = posed.camera
-    scale = min(1.0, side / max(camera.width, camera.height))
-    if scale == 1.0:
-        return posed
-    smaller = camera.scaled_to(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
-    return PosedCamera(smaller, posed.world_from_camera, posed.name)
