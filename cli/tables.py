@@ -5,13 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from datetime import datetime
+from io import StringIO
 from typing import Literal, NamedTuple
 
 from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 WIDTH = 80
 """Columns of a terminal that every table fits into."""
-_GAP = "  "
+_GAP = 2
 _SIZES = ("kB", "MB", "GB", "TB", "PB", "EB")
 
 
@@ -37,15 +41,18 @@ def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:
         return ""
     if any(column.heading for column in columns):
         cells.insert(0, [column.heading for column in columns])
+    grid = Table(box=None, show_header=False, pad_edge=False, padding=(0, _GAP, 0, 0))
     widths = _widths(columns, cells)
-    lines = []
+    for column, width in zip(columns, widths, strict=True):
+        side: Literal["left", "right"] = "right" if column.right else "left"
+        overflow: Literal["ellipsis", "fold"] = "ellipsis" if column.fit == "cut" else "fold"
+        grid.add_column(width=width, justify=side, no_wrap=column.fit != "wrap", overflow=overflow)
     for row in cells:
-        fitted = [_fitted(text, width, column.fit) for text, width, column in zip(row, widths, columns, strict=True)]
-        for number in range(max(map(len, fitted))):
-            parts = (cell_lines[number] if number < len(cell_lines) else "" for cell_lines in fitted)
-            placed = (_placed(part, width, column) for part, width, column in zip(parts, widths, columns, strict=True))
-            lines.append(_GAP.join(placed).rstrip())
-    return "\n".join(lines)
+        grid.add_row(*map(Text, row))
+    paper = Console(file=StringIO(), color_system=None, width=sum(widths) + _GAP * len(widths))
+    with paper.capture() as printed:
+        paper.print(grid)
+    return "\n".join(line.rstrip() for line in printed.get().splitlines())
 
 
 def facts(named: Iterable[tuple[str, str]]) -> str:
@@ -90,44 +97,11 @@ def _widths(columns: Sequence[Column], cells: Sequence[Sequence[str]]) -> list[i
     """Width of each column: its need, or for the widest an equal share."""
     widths = [max(cell_len(row[number]) for row in cells) for number in range(len(columns))]
     elastic = [number for number, column in enumerate(columns) if column.fit != "whole"]
-    room = WIDTH - len(_GAP) * (len(columns) - 1) - sum(w for n, w in enumerate(widths) if n not in elastic)
+    room = WIDTH - _GAP * (len(columns) - 1) - sum(w for n, w in enumerate(widths) if n not in elastic)
     for left, number in zip(range(len(elastic), 0, -1), sorted(elastic, key=widths.__getitem__), strict=True):
         widths[number] = min(widths[number], room // left)
         room -= widths[number]
     return widths
-
-
-def _fitted(text: str, width: int, fit: Literal["whole", "cut", "wrap"]) -> list[str]:
-    if cell_len(text) <= width or fit == "whole":
-        return [text]
-    if fit == "cut":
-        return [_beginning(text, width - 1) + "…"]
-    lines = [""]
-    for word in text.split(" "):
-        if lines[-1] and cell_len(lines[-1]) + 1 + cell_len(word) <= width:
-            lines[-1] += f" {word}"
-            continue
-        if lines[-1]:
-            lines.append("")
-        while cell_len(word) > width:
-            lines[-1] = _beginning(word, width)
-            word = word[len(lines[-1]) :]
-            lines.append("")
-        lines[-1] = word
-    return [line for line in lines if line]
-
-
-def _beginning(text: str, width: int) -> str:
-    """As many letters as fit, at least one."""
-    low = 0
-    while low < len(text) and cell_len(text[: low + 1]) <= width:
-        low += 1
-    return text[: max(1, low)]
-
-
-def _placed(text: str, width: int, column: Column) -> str:
-    room = " " * (width - cell_len(text))
-    return room + text if column.right else text + room
 
 
 def _printable(text: str) -> str:

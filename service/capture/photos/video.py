@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.untrusted.image_decoding import limited
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _SHARPNESS_SIDE = 480
@@ -69,7 +70,7 @@ def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> di
     size: tuple[int, int] | None = None
     for number, frame in enumerate(_frames(request)):
         if number in numbers:
-            reduced = _reduced(frame, request["max_side"])
+            reduced = limited(frame, request["max_side"])
             size = size or (reduced.shape[1], reduced.shape[0])
             files.append(f"frame_{number:06d}.png")
             cv2.imwrite(str(Path(request["folder"]) / files[-1]), reduced)
@@ -133,16 +134,8 @@ def _frames(request: dict[str, Any]) -> Iterator[NDArray[np.uint8]]:
 
 
 def _sharpness(frame: NDArray[np.uint8]) -> float:
-    gray = cv2.cvtColor(_reduced(frame, _SHARPNESS_SIDE), cv2.COLOR_BGR2GRAY)
+    gray = cv2.cvtColor(limited(frame, _SHARPNESS_SIDE), cv2.COLOR_BGR2GRAY)
     return float(cv2.Laplacian(gray, cv2.CV_64F).var())
-
-
-def _reduced(frame: NDArray[np.uint8], max_side: int) -> NDArray[np.uint8]:
-    scale = max_side / max(frame.shape[:2])
-    if scale >= 1:
-        return frame
-    size = (max(1, round(frame.shape[1] * scale)), max(1, round(frame.shape[0] * scale)))
-    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _too_long(request: dict[str, Any], fps: float) -> LimitExceededError:

@@ -94,6 +94,11 @@ def reduce(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
+def limited(pixels: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+    """Reduces uint8 [H, W, ...] to at most `side` pixels on its longer side."""
+    return reduce(pixels, reduced_size(pixels.shape[1], pixels.shape[0], side))
+
+
 def reduce_ids(ids: NDArray[np.uint16], size: tuple[int, int]) -> NDArray[np.uint16]:
     """Samples ids [H, W] down to `size` (width, height) by nearest neighbor."""
     if ids.shape[1::-1] == size:

@@ -15,6 +15,7 @@ from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.photo_quality import MIN_MATCHES, advice_of, judge_photos, measure_photo
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
+from fastsplat.service.capture.untrusted.image_decoding import reduced_size
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.files import link_or_copy
 from fastsplat_contract.errors import InvalidInputError
@@ -73,10 +74,7 @@ def check_photos(
         for number, (photo, name) in enumerate(zip(manifest.photos, manifest.names, strict=True)):
             if on_photo is not None:
                 on_photo(number, len(manifest.photos))
-            width, height = photo.upright_size
-            scale = min(1.0, settings.max_side / max(width, height))
-            size = max(1, round(width * scale)), max(1, round(height * scale))
-            pixels = decoder.photo(files, photo, size)
+            pixels = decoder.photo(files, photo, reduced_size(*photo.upright_size, settings.max_side))
             qualities.append(measure_photo(name, pixels))
             features.append(_features(pixels))
     best = _best_matches(features)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.formats.image_io import load_rgb
-from fastsplat.service.capture.untrusted.image_decoding import reduce, reduced_size
+from fastsplat.service.capture.untrusted.image_decoding import limited
 from fastsplat_contract.errors import SceneFileError
 
 
@@ -18,4 +18,4 @@ def read_photo(path: Path, side: int) -> NDArray[np.uint8]:
         pixels = load_rgb(path)
     except OSError as error:
         raise SceneFileError(f"the photo {path.name} is damaged", field=path.name) from error
-    return reduce(pixels, reduced_size(pixels.shape[1], pixels.shape[0], side))
+    return limited(pixels, side)
