@@ -10,13 +10,15 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import closing, suppress
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
-from fastsplat.service.application.uploading.resumable import ResumableUploads
+from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
+from fastsplat.service.application.uploading.upload_piece import Algorithm
 from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES
 from fastsplat.service.store.blobs.blobs import Blobs
 from fastsplat_contract.errors import (
@@ -53,6 +55,20 @@ def _until(data: bytes, cut: int, rng: random.Random) -> Iterator[bytes]:
         raise _CutError
 
 
+def _append(
+    uploads: ResumableUploads,
+    upload_id: str,
+    offset: int,
+    chunks: Iterable[bytes],
+    checksum: tuple[Algorithm, bytes] | None = None,
+) -> Resumable:
+    with closing(uploads.begin_piece("k", upload_id, offset, checksum)) as piece:
+        for chunk in chunks:
+            piece.write(chunk)
+        piece.finish()
+    return uploads.get("k", upload_id)
+
+
 def _bytes_of(uploads: ResumableUploads, upload_id: str) -> bytes:
     return uploads.complete("k", upload_id)[1].read_bytes()
 
@@ -65,9 +81,9 @@ def test_cut_at_a_hundred_random_offsets_the_bytes_are_the_same(uploads: Resumab
     for cut in cuts:
         offset = uploads.get("k", upload.id).offset
         with pytest.raises(_CutError):
-            uploads.append("k", upload.id, offset, _until(data[offset:], cut - offset, rng))
+            _append(uploads, upload.id, offset, _until(data[offset:], cut - offset, rng))
         assert uploads.get("k", upload.id).offset == cut  # nothing that came is sent twice
-    uploads.append("k", upload.id, cuts[-1], [data[cuts[-1] :]])
+    _append(uploads, upload.id, cuts[-1], [data[cuts[-1] :]])
     assert _bytes_of(uploads, upload.id) == data
 
 
@@ -78,11 +94,10 @@ from fastsplat.service.application.uploading import resumable, upload_piece
 upload_piece._DURABLE_BYTES = 1 << 16
 uploads = resumable.ResumableUploads(resumable.Blobs(Path(sys.argv[1])), 10**7, 3600.0)
 offset = uploads.get("k", sys.argv[2]).offset
-def chunks():
-    while chunk := sys.stdin.buffer.read1(4096):
-        yield chunk
-        print(len(chunk), flush=True)
-uploads.append("k", sys.argv[2], offset, chunks())
+piece = uploads.begin_piece("k", sys.argv[2], offset)
+while chunk := sys.stdin.buffer.read1(4096):
+    piece.write(chunk)
+    print(len(chunk), flush=True)
 """
 
 
@@ -105,14 +120,14 @@ def test_killed_in_mid_piece_and_resumed_the_bytes_are_the_same(uploads: Resumab
         while taken < 100_000:
             taken += int(process.stdout.readline())
         with pytest.raises(UploadLockedError):
-            uploads.append("k", upload.id, before, [b"x"])
+            _append(uploads, upload.id, before, [b"x"])
         process.send_signal(signal.SIGKILL)
         process.wait()
         process.stdin.close()
         process.stdout.close()
         after = uploads.get("k", upload.id).offset
         assert before < after <= before + 150_000  # something was durable already
-    uploads.append("k", upload.id, after, [data[after:]])
+    _append(uploads, upload.id, after, [data[after:]])
     assert _bytes_of(uploads, upload.id) == data
 
 
@@ -120,9 +135,9 @@ def test_killed_in_mid_piece_and_resumed_the_bytes_are_the_same(uploads: Resumab
 def test_a_checksum_that_does_not_fit_leaves_nothing_of_its_piece(uploads: ResumableUploads, algorithm: str) -> None:
     upload = uploads.create("k", "a.bin", 20)
     right = hashlib.new(algorithm, b"0123456789").digest()
-    uploads.append("k", upload.id, 0, [b"01234", b"56789"], (algorithm, right))
+    _append(uploads, upload.id, 0, [b"01234", b"56789"], (algorithm, right))
     with pytest.raises(ChecksumMismatchError):
-        uploads.append("k", upload.id, 10, [b"abcdefghiX"], (algorithm, right))
+        _append(uploads, upload.id, 10, [b"abcdefghiX"], (algorithm, right))
     assert uploads.get("k", upload.id).offset == 10
 
     def broken() -> Iterator[bytes]:
@@ -130,25 +145,25 @@ def test_a_checksum_that_does_not_fit_leaves_nothing_of_its_piece(uploads: Resum
         raise _CutError
 
     with pytest.raises(_CutError):  # nobody can tell whether these bytes are right
-        uploads.append("k", upload.id, 10, broken(), (algorithm, right))
+        _append(uploads, upload.id, 10, broken(), (algorithm, right))
     assert uploads.get("k", upload.id).offset == 10
-    uploads.append("k", upload.id, 10, [b"0123456789"], (algorithm, right))
+    _append(uploads, upload.id, 10, [b"0123456789"], (algorithm, right))
     assert _bytes_of(uploads, upload.id) == b"01234567890123456789"
 
 
 def test_only_the_next_byte_may_follow(uploads: ResumableUploads) -> None:
     upload = uploads.create("k", "a.bin", 10)
-    uploads.append("k", upload.id, 0, [b"01234"])
+    _append(uploads, upload.id, 0, [b"01234"])
     for offset in (0, 4, 6, 10):
         with pytest.raises(OffsetConflictError):
-            uploads.append("k", upload.id, offset, [b"x"])
+            _append(uploads, upload.id, offset, [b"x"])
     with pytest.raises(OffsetConflictError):
         uploads.complete("k", upload.id)
     with pytest.raises(LimitExceededError):
-        uploads.append("k", upload.id, 5, [b"56", b"789x"])
+        _append(uploads, upload.id, 5, [b"56", b"789x"])
     assert uploads.get("k", upload.id).offset == 7
-    uploads.append("k", upload.id, 7, [b"789"])
-    assert uploads.append("k", upload.id, 10, []).offset == 10
+    _append(uploads, upload.id, 7, [b"789"])
+    assert _append(uploads, upload.id, 10, []).offset == 10
     assert _bytes_of(uploads, upload.id) == b"0123456789"
 
 
@@ -162,11 +177,11 @@ def test_two_senders_at_once_never_mix(uploads: ResumableUploads) -> None:
         assert go_on.wait(30)
         yield b"cd"
 
-    first = threading.Thread(target=lambda: uploads.append("k", upload.id, 0, slow()))
+    first = threading.Thread(target=lambda: _append(uploads, upload.id, 0, slow()))
     first.start()
     assert inside.wait(30)
     with pytest.raises(UploadLockedError):
-        uploads.append("k", upload.id, 0, [b"WXYZ"])
+        _append(uploads, upload.id, 0, [b"WXYZ"])
     with pytest.raises(UploadLockedError):
         uploads.delete("k", upload.id)
     go_on.set()
@@ -180,7 +195,7 @@ def test_an_upload_expires_and_each_piece_gives_it_more_time(tmp_path: Path) -> 
     offset = tmp_path / "uploads" / upload.id / "offset"
     os.utime(offset, (0, offset.stat().st_mtime - 30))
     earlier = uploads.get("k", upload.id)
-    assert uploads.append("k", upload.id, 0, [b"x"]).expires_at > earlier.expires_at
+    assert _append(uploads, upload.id, 0, [b"x"]).expires_at > earlier.expires_at
     os.utime(offset, (0, offset.stat().st_mtime - 60))
     with pytest.raises(NotFoundError):
         uploads.get("k", upload.id)
@@ -196,7 +211,7 @@ def test_a_clock_that_is_set_expires_nothing(tmp_path: Path, jumps: tuple[float,
         new = uploads.create("k", f"{number}.bin", 4)
         for upload in (old, new):
             offset = uploads.get("k", upload.id).offset
-            state = uploads.append("k", upload.id, offset, [b"x"])
+            state = _append(uploads, upload.id, offset, [b"x"])
             assert state.offset == offset + 1
             assert now[0] + 22 * 3600.0 < state.expires_at <= now[0] + 24 * 3600.0 + 1.0
     for _ in range(25):
@@ -220,15 +235,14 @@ def test_what_cannot_become_a_capture_is_refused_at_once(uploads: ResumableUploa
     assert not list((tmp_path / "uploads").glob("*")) if (tmp_path / "uploads").exists() else True
 
 
-def test_a_full_disk_is_told_and_what_came_stays(uploads: ResumableUploads) -> None:
+def test_a_full_disk_is_told_and_what_came_stays(uploads: ResumableUploads, monkeypatch: pytest.MonkeyPatch) -> None:
     upload = uploads.create("k", "a.bin", 10)
-
-    def full() -> Iterator[bytes]:
-        yield b"01234"
-        raise OSError(28, "No space left on device")
-
-    with pytest.raises(ResourceError, match="full"):
-        uploads.append("k", upload.id, 0, full())
+    with closing(uploads.begin_piece("k", upload.id, 0)) as piece:
+        piece.write(b"01234")
+        with monkeypatch.context() as patch:
+            patch.setattr(piece, "_data", Mock(write=Mock(side_effect=OSError(28, "No space left on device"))))
+            with pytest.raises(ResourceError, match="full"):
+                piece.write(b"56789")
     assert uploads.get("k", upload.id).offset == 5
 
 
@@ -240,7 +254,7 @@ def test_a_piece_ends_when_the_disk_becomes_almost_full_meanwhile(
     free = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: free._replace(free=free.total // 1000))
     with pytest.raises(ResourceError) as caught:
-        uploads.append("k", upload.id, 0, [bytes(SPACE_CHECK_BYTES)])
+        _append(uploads, upload.id, 0, [bytes(SPACE_CHECK_BYTES)])
     assert "MIN_FREE_BYTES" in caught.value.limit
     monkeypatch.undo()
-    assert uploads.append("k", upload.id, 0, [bytes(2 * SPACE_CHECK_BYTES)]).offset == 2 * SPACE_CHECK_BYTES
+    assert _append(uploads, upload.id, 0, [bytes(2 * SPACE_CHECK_BYTES)]).offset == 2 * SPACE_CHECK_BYTES

@@ -16,8 +16,9 @@ from benchmarks.evaluation.localization import box_of
 from benchmarks.evaluation.validation_split import Split, validation_names
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.image_io import check_image, load_upright
+from fastsplat.service.capture.formats.reduced_images import reduce, reduce_ids
 from fastsplat.service.capture.photos.camera_model import aspect_error
-from fastsplat.service.capture.untrusted.image_decoding import load_upright_map, reduce, reduce_ids
+from fastsplat.service.capture.untrusted.image_decoding import load_upright_map
 from fastsplat.service.capture.uploads.label_maps import check_label_map
 from fastsplat.service.capture.uploads.posed_input import PosedImage
 from fastsplat.service.capture.views.view_writer import ViewGeometry, view_geometry

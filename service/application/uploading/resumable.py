@@ -16,7 +16,7 @@ import json
 import os
 import time
 import uuid
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -157,41 +157,16 @@ class ResumableUploads:
         expires_at = self._wall() + self._lifetime_s - self._age(folder)
         return Resumable(upload_id, info.name, info.length, offset, info.metadata, expires_at)
 
-    def append(
-        self,
-        project: str,
-        upload_id: str,
-        offset: int,
-        chunks: Iterable[bytes],
-        checksum: tuple[Algorithm, bytes] | None = None,
-    ) -> Resumable:
-        """Appends bytes at `offset`; acknowledged bytes are on disk.
-
-        If `chunks` raises, earlier bytes stay, unless there is a checksum.
+    def begin_piece(
+        self, project: str, upload_id: str, offset: int, checksum: tuple[Algorithm, bytes] | None = None
+    ) -> Piece:
+        """Begins bytes at `offset`, locking the upload until the piece's `close`.
 
         Raises:
             NotFoundError: as `get`.
             OffsetConflictError: `offset` is not the upload's end.
             UploadLockedError: another piece is being written.
-            ChecksumMismatchError: the piece does not match its checksum.
-            LimitExceededError: more bytes than announced; those announced stay.
-            ResourceError: the disk is full.
         """
-        piece = self.begin_piece(project, upload_id, offset, checksum)
-        try:
-            for chunk in chunks:
-                piece.write(chunk)
-            piece.finish()
-        except OSError as error:
-            raise disk_error(error, "upload") from error
-        finally:
-            piece.close()
-        return self.get(project, upload_id)
-
-    def begin_piece(
-        self, project: str, upload_id: str, offset: int, checksum: tuple[Algorithm, bytes] | None = None
-    ) -> Piece:
-        """As `append`, written step by step; locks the upload until the piece's `close`."""
         folder, info = self._find(project, upload_id)
         data = _locked(folder)
         try:
@@ -210,7 +185,7 @@ class ResumableUploads:
             raise
 
     def delete(self, project: str, upload_id: str) -> None:
-        """Removes an upload; raises `NotFoundError` and `UploadLockedError` as `append`."""
+        """Removes an upload; raises `NotFoundError` and `UploadLockedError` as `begin_piece`."""
         folder, _ = self._find(project, upload_id)
         with closing(_locked(folder)):
             remove(folder)

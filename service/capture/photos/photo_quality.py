@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.formats.reduced_images import limited
 from fastsplat_contract.photos.photo_verdicts import NotPlaced, PhotoDefect, PhotoVerdict
 
 _SIDE = 800
@@ -59,12 +60,7 @@ def matches_by_name(rows: Mapping[str, Sequence[Any]], names: Mapping[str, str])
 
 def measure_photo(name: str, pixels: NDArray[np.uint8]) -> PhotoQuality:
     """Measures uint8 [H, W, 3] RGB; takes some milliseconds."""
-    gray = np.ascontiguousarray(pixels[..., 1])  # green is the sharpest channel and close to luminance
-    height, width = gray.shape
-    scale = _SIDE / max(height, width)
-    if scale < 1:
-        size = max(1, round(width * scale)), max(1, round(height * scale))
-        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+    gray = limited(np.ascontiguousarray(pixels[..., 1]), _SIDE)  # green is the sharpest channel and close to luminance
     detail = float(cv2.Laplacian(gray, cv2.CV_16S).std())
     thumbnail = cv2.resize(gray.astype(np.float32), (_THUMBNAIL, _THUMBNAIL), interpolation=cv2.INTER_AREA)
     return PhotoQuality(
@@ -121,22 +117,10 @@ def judge_photos(
             )
         )
     unread = reasons.keys() - {photo.name for photo in ordered}
-    verdicts += [_unread(name, reasons[name]) for name in unread]
+    for name in unread:
+        advice = advice_of(reasons[name], (), "")
+        verdicts.append(PhotoVerdict(name, False, reasons[name], (), "", 0.0, 0.0, None, advice))
     return tuple(sorted(verdicts, key=lambda verdict: verdict.name))
-
-
-def _unread(name: str, reason: NotPlaced) -> PhotoVerdict:
-    return PhotoVerdict(
-        name=name,
-        placed=False,
-        not_placed=reason,
-        defects=(),
-        duplicate_of="",
-        sharpness=0.0,
-        brightness=0.0,
-        matches=None,
-        advice=advice_of(reason, (), ""),
-    )
 
 
 def _relative(values: NDArray[np.float64]) -> NDArray[np.float64]:

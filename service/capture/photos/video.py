@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.untrusted.image_decoding import limited
+from fastsplat.service.capture.formats.reduced_images import limited
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _SHARPNESS_SIDE = 480

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.image_io import PhotoInfo, load_rgb, save_rgb
+from fastsplat.service.capture.formats.reduced_images import reduced_size
 from fastsplat.service.capture.formats.upload_manifest import UploadManifest
 from fastsplat.service.capture.photos.lens_faces import LensFace, face_camera, face_name
 from fastsplat.service.capture.photos.panorama import (
@@ -28,7 +29,6 @@ from fastsplat.service.capture.photos.photo_metadata import PhotoMetadata
 from fastsplat.service.capture.photos.photo_quality import PhotoQuality, measure_photo
 from fastsplat.service.capture.photos.withholding import WithheldPixels
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
-from fastsplat.service.capture.untrusted.image_decoding import reduced_size
 from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 from fastsplat_contract.photos.photo_verdicts import NotPlaced

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
+from fastsplat.service.capture.formats.reduced_images import reduced_size
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.photo_quality import MIN_MATCHES, advice_of, judge_photos, measure_photo
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
-from fastsplat.service.capture.untrusted.image_decoding import reduced_size
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.files import link_or_copy
 from fastsplat_contract.errors import InvalidInputError

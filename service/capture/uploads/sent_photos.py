@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
+from fastsplat.service.capture.formats.reduced_images import reduced_size
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
-from fastsplat.service.capture.untrusted.image_decoding import reduced_size
 
 DECODER_BYTES = 96 << 20  # of a waiting child, at most
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.formats.image_io import load_rgb
-from fastsplat.service.capture.untrusted.image_decoding import limited
+from fastsplat.service.capture.formats.reduced_images import limited
 from fastsplat_contract.errors import SceneFileError
 
 

@@ -15,6 +15,7 @@ from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import View
 from fastsplat.service.capture.formats.depth_maps import DEPTHS, save_depth
 from fastsplat.service.capture.formats.image_io import PhotoInfo, save_rgb
+from fastsplat.service.capture.formats.reduced_images import reduced_size
 from fastsplat.service.capture.photos.camera_model import (
     CameraModel,
     Undistortion,
@@ -22,7 +23,6 @@ from fastsplat.service.capture.photos.camera_model import (
     rotate90,
     rotate90_pose,
 )
-from fastsplat.service.capture.untrusted.image_decoding import reduced_size
 from fastsplat.service.capture.uploads.posed_input import PosedImage
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 

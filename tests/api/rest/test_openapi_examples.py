@@ -152,7 +152,10 @@ def test_the_form_of_the_example_posts_a_scene(place: _Place) -> None:
     capture = zipped(3)
     uploads = place.service.resumable
     upload_id = uploads.create("default", "capture.zip", len(capture)).id
-    uploads.append("default", upload_id, 0, iter([capture]))
+    piece = uploads.begin_piece("default", upload_id, 0)
+    piece.write(capture)
+    piece.finish()
+    piece.close()
     assert form["uploads"] == [IDS["upload_id"]]
     texts = [(key, text) for key, value in form.items() for text in (value if isinstance(value, list) else [value])]
     real = {IDS["upload_id"]: upload_id}

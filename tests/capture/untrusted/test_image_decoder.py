@@ -15,10 +15,11 @@ from PIL import Image
 from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.image_io import PhotoInfo, check_image, load_upright
+from fastsplat.service.capture.formats.reduced_images import reduce
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.untrusted.confinement import missing_protections
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
-from fastsplat.service.capture.untrusted.image_decoding import load_upright_map, reduce
+from fastsplat.service.capture.untrusted.image_decoding import load_upright_map
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ResourceError
