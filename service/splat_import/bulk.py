@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.uploads.splat_input import load_splat
+from fastsplat.service.common.logistic import logistic
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat_contract.errors import InvalidInputError
 
 F64 = NDArray[np.float64]
 
 _OPAQUE = 0.1
+_LEAST = 1e-12  # opacity, so that a splat that cannot be seen has a bulk, too
 
 
 @dataclass(frozen=True)
@@ -39,12 +41,12 @@ def find_bulk(gaussians: Gaussians) -> Bulk:
     Raises:
         InvalidInputError: all Gaussians lie in one place.
     """
-    opacities = 1 / (1 + np.exp(-gaussians.logit_opacities.astype(np.float64)))
+    opacities = np.maximum(logistic(gaussians.logit_opacities), _LEAST)
     weights = np.where(opacities >= min(_OPAQUE, float(opacities.max())), opacities, 0.0)
     means = gaussians.means.astype(np.float64)
-    center = np.array([quantiles(means[:, axis], weights, [0.5])[0] for axis in range(3)])
+    center = np.quantile(means, 0.5, axis=0, weights=weights, method="inverted_cdf")
     distances = np.linalg.norm(means - center, axis=1)
-    radius = float(quantiles(distances, weights, [0.5])[0])
+    radius = float(np.quantile(distances, 0.5, weights=weights, method="inverted_cdf"))
     if radius <= 0:
         raise InvalidInputError(
             "the Gaussians of the splat lie in one place, so that no picture can be taken of them",
@@ -52,11 +54,3 @@ def find_bulk(gaussians: Gaussians) -> Bulk:
             hint="Send a splat of a scene.",
         )
     return Bulk(center, radius, distances <= radius, weights)
-
-
-def quantiles(values: F64, weights: F64, shares: list[float]) -> F64:
-    """Weighted quantiles, float64 [len(shares)]: smallest values whose cumulative weight reaches each share."""
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order])
-    places = np.searchsorted(reached, np.array(shares) * reached[-1])
-    return np.asarray(values[order][np.minimum(places, len(values) - 1)])

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.scene.artefact.scene import Gaussians
-from fastsplat.service.splat_import.bulk import F64, Bulk, quantiles
+from fastsplat.service.splat_import.bulk import F64, Bulk
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend
@@ -135,7 +135,7 @@ def _free_places(gaussians: Gaussians, bulk: Bulk, axes: F64) -> F64:
     solid = rng.permutation(solid)[: 2 * _ROWS]
     local = gaussians.means[solid].astype(np.float64) @ axes.T
     weights = bulk.weights[solid]
-    bounds = np.stack([quantiles(local[:, axis], weights, [0.1, 0.9]) for axis in range(3)], axis=1)
+    bounds = np.quantile(local, [0.1, 0.9], axis=0, weights=weights, method="inverted_cdf")
     places = rng.uniform(bounds[0], bounds[1], (_INNER_TRIALS, 3))
     distance = cKDTree(local).query(places)[0]
     places, distance = places[free := distance > _FREE * bulk.radius], distance[free]
@@ -251,7 +251,7 @@ def _peaks(normals: F64, weights: F64) -> list[tuple[F64, float]]:
 
 def _densest(heights: F64, weights: F64) -> float:
     """Finds the height of the slab with most weight."""
-    low, high = quantiles(heights, weights, [0.02, 0.98])
+    low, high = np.quantile(heights, [0.02, 0.98], weights=weights, method="inverted_cdf")
     if high <= low:
         return float(low)
     sums, edges = np.histogram(heights, bins=_SLABS, range=(float(low), float(high)), weights=weights)

@@ -17,7 +17,7 @@ from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.formats.ply import write_ply
-from fastsplat.service.splat_import.bulk import find_bulk, quantiles
+from fastsplat.service.splat_import.bulk import find_bulk
 from fastsplat.service.splat_import.pictures import render_views
 from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
 from fastsplat.service.splat_import.viewpoints import axis_vector, choose_viewpoints, estimate_up, trial_camera
@@ -68,15 +68,6 @@ def moved(gaussians: Gaussians, rotation: Rotation, shift: np.ndarray, scale: fl
         quats=xyzw[:, [3, 0, 1, 2]].astype(np.float32),
         log_scales=(gaussians.log_scales + np.log(scale)).astype(np.float32),
     )
-
-
-def test_weighted_quantiles_are_those_of_repeated_values() -> None:
-    rng = np.random.default_rng(0)
-    values, weights = rng.normal(size=50), rng.integers(1, 5, 50)
-    repeated = np.sort(np.repeat(values, weights))
-    results = quantiles(values, weights.astype(float), [0.1, 0.5, 0.9])
-    for share, value in zip((0.1, 0.5, 0.9), results, strict=True):
-        assert value == repeated[int(np.ceil(share * len(repeated))) - 1]
 
 
 def test_the_bulk_moves_with_the_world_and_ignores_far_and_faint_gaussians() -> None:

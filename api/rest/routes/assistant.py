@@ -11,12 +11,13 @@ from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fastsplat.api.access.authenticator import Credentials
 from fastsplat.api.rest.problem_answers import BodyTooLargeError
+from fastsplat.api.rest.responses import while_connected
 from fastsplat.service.common.optional_packages import ASSISTANT, needed
 from fastsplat_contract.errors import MissingPackageError
 
@@ -81,48 +82,24 @@ class _Endpoint:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         from fastsplat.api.rest.in_process import InProcess
 
-        body = await _whole_body(receive)
-        gone = asyncio.Event()
-        unread: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+        request, body = Request(scope, receive), bytearray()
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > _MAX_REQUEST_BYTES:
+                raise BodyTooLargeError(_MAX_REQUEST_BYTES)
+        unread: list[Message] = [{"type": "http.request", "body": bytes(body), "more_body": False}]
 
         async def replayed() -> Message:
-            if unread:
-                return unread.pop()
-            await gone.wait()
-            return {"type": "http.disconnect"}
-
-        async def watch() -> None:
-            while (await receive())["type"] != "http.disconnect":
-                pass
-            gone.set()
+            if not unread:
+                await asyncio.Event().wait()  # until a disconnect cancels it
+            return unread.pop()
 
         transport = InProcess(scope["app"], asyncio.get_running_loop(), scope["client"])
         scope["state"]["in_process"] = transport
-        handling = asyncio.ensure_future(self._handle(scope, replayed, send))
-        watching = asyncio.ensure_future(watch())
         try:
-            await asyncio.wait((handling, watching), return_when=asyncio.FIRST_COMPLETED)
-            if not handling.done():
-                raise ClientDisconnect
-            handling.result()
+            await while_connected(request, self._handle(scope, replayed, send))
         finally:
-            watching.cancel()
-            handling.cancel()
             transport.stop()
-
-
-async def _whole_body(receive: Receive) -> bytes:
-    """Reads a body; raises `BodyTooLargeError` or `ClientDisconnect`."""
-    body = bytearray()
-    while True:
-        message = await receive()
-        if message["type"] != "http.request":
-            raise ClientDisconnect
-        body += message.get("body", b"")
-        if len(body) > _MAX_REQUEST_BYTES:
-            raise BodyTooLargeError(_MAX_REQUEST_BYTES)
-        if not message.get("more_body", False):
-            return bytes(body)
 
 
 @contextmanager

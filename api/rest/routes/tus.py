@@ -14,7 +14,8 @@ from fastapi import APIRouter, Request
 from starlette.responses import Response
 
 from fastsplat.api.access.caller import caller_project
-from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE, problem_response
+from fastsplat.api.rest.problem_answers import problem_response
+from fastsplat.api.rest.responses import PROBLEMS
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
@@ -24,7 +25,6 @@ from fastsplat_contract.errors import FastSplatError, InvalidInputError, TusVers
 _VERSION = "1.0.0"
 _PIECE = "application/offset+octet-stream"
 _MAX_METADATA = 4_096
-_PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PROBLEM_RESPONSE}
 _BODY: dict[str, Any] = {"requestBody": {"content": {_PIECE: {"schema": {"type": "string", "format": "binary"}}}}}
 
 
@@ -33,7 +33,7 @@ _Handler = Callable[..., Awaitable[Response]]
 
 def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_path: str) -> APIRouter:
     """Builds the routes of https://tus.io/protocols/resumable-upload."""
-    router = APIRouter(prefix="/v1/uploads", responses=_PROBLEMS)
+    router = APIRouter(prefix="/v1/uploads", responses=PROBLEMS)
 
     @router.options("", status_code=204, response_class=Response)
     async def describe_uploads() -> Response:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.photos.camera_model import CameraModel, Undistortion, compute_undistortion
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.geometry.camera import Camera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 F64 = NDArray[np.float64]
 
@@ -212,11 +212,7 @@ class _Lens:
         rays = np.asarray(self._camera.cam_ray_from_img(pixels))
         covered = np.zeros(len(pixels), bool)
         for face in faces:
-            local, camera = rays @ face.camera_from_face, face.undistortion.camera
-            with np.errstate(divide="ignore", invalid="ignore"):
-                u = local[:, 0] / local[:, 2] * camera.fx + camera.cx
-                v = local[:, 1] / local[:, 2] * camera.fy + camera.cy
-            covered |= (local[:, 2] > 0) & (u >= 0) & (v >= 0) & (u <= camera.width) & (v <= camera.height)
+            covered[PosedCamera(face.undistortion.camera, face.pose(np.eye(4))).in_picture(rays)[0]] = True
         angle = np.degrees(np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2]))
         return float((covered & (angle < self.reach_deg)).mean()) if len(pixels) else 0.0
 

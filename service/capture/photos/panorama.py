@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.photos.camera_model import Undistortion
 from fastsplat.service.capture.photos.lens_faces import FACES, LensFace, face_camera, face_rays
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
 
 F64 = NDArray[np.float64]
 
@@ -150,17 +151,13 @@ def shown_by_any(masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, NDArray[np
         if not mask.any():
             continue
         camera = face_camera(len(mask))
-        rays = face_rays(camera)
+        rays = face_rays(camera).reshape(-1, 3)
         for face, union in whole.items():
-            local = rays @ (FACES[face].T @ FACES[source])
-            ahead = local[..., 2] > 1e-6
-            columns, rows = (
-                np.floor(local[ahead, axis] / local[ahead, 2] * camera.fx + camera.cx).astype(np.int64)
-                for axis in range(2)
-            )
-            inside = (np.minimum(columns, rows) >= 0) & (np.maximum(columns, rows) < len(mask))
-            ahead[ahead] = inside
-            union[ahead] |= mask[rows[inside], columns[inside]]
+            pose = np.eye(4)
+            pose[:3, :3] = FACES[face].T @ FACES[source]
+            inside, pixels, _ = PosedCamera(camera, pose).in_picture(rays)
+            columns, rows = pixels.astype(np.int64).T
+            union.reshape(-1)[inside] |= mask[rows, columns]
     return whole
 
 

@@ -16,8 +16,7 @@ from fastsplat.service.query.objects.solid_gaussians import masses
 from fastsplat.service.scene.artefact.scene import F32, SH_C0, Gaussians, Objects, Scene
 from fastsplat.service.scene.gaussians.scene_rows import gaussians_of_rows, scene_of_rows
 from fastsplat.service.scene.objects.label_evidence import evidence_of
-from fastsplat.service.scene.objects.objects import MAX_OBJECT_ID, next_object_id, object_rows, with_rows_of_no_part
-from fastsplat_contract.errors import LimitExceededError
+from fastsplat.service.scene.objects.objects import new_object_ids, object_rows, with_rows_of_no_part
 from fastsplat_contract.messages.scenes import Edit
 
 F64 = NDArray[np.float64]
@@ -56,17 +55,9 @@ def _copied(before: Objects, grown: Objects, rows: Rows) -> Objects:
     membership, start = grown.membership, int(grown.membership.starts[len(before.membership)])
     copied = np.unique(object_rows(before)[rows])
     originals = [obj for obj in before.table if obj.id in copied]
-    first = next_object_id(before)
-    if first + len(originals) - 1 > MAX_OBJECT_ID:
-        raise LimitExceededError(
-            f"{len(originals)} more objects",
-            field="object_ids",
-            limit=f"ids up to {MAX_OBJECT_ID}",
-            hint="Merge some first.",
-        )
+    ids = new_object_ids(before, len(originals))
     new_ids = np.zeros(max((obj.id for obj in before.table), default=0) + 1, np.uint16)
-    for number, obj in enumerate(originals):
-        new_ids[obj.id] = first + number
+    new_ids[[obj.id for obj in originals]] = ids
     # No photo shows a copy.
     copies = tuple(replace(obj, id=int(new_ids[obj.id]), proposed_in=(), missed_in=()) for obj in originals)
     labels = np.concatenate([membership.labels[:start], new_ids[membership.labels[start:]]])
@@ -75,7 +66,7 @@ def _copied(before: Objects, grown: Objects, rows: Rows) -> Objects:
         before,
         table=(*before.table, *copies),
         membership=evidence_of(entries, labels, membership.counts, len(membership)),
-        next_id=first + len(originals),
+        next_id=ids.stop,
         parts=None if before.parts is None else with_rows_of_no_part(before.parts, len(membership)),
     )
 

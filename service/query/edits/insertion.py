@@ -13,8 +13,8 @@ from fastsplat.service.query.edits.object_edits import check_no_parts, edited_ob
 from fastsplat.service.scene.artefact.scene import Evidence, Scene
 from fastsplat.service.scene.gaussians.scene_rows import appended_gaussians, gaussians_of_rows
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, with_unseen
-from fastsplat.service.scene.objects.objects import MAX_OBJECT_ID, next_object_id, object_of, with_rows_of_no_part
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.scene.objects.objects import new_object_ids, object_of, with_rows_of_no_part
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
@@ -47,23 +47,19 @@ def insert_objects(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     check_no_parts(source.objects.table, ids)
     source_edit = replace(edit, label=None, object_ids=ids)
     rows = edited_rows(source, source_edit)
-    first = next_object_id(here.objects)
-    if first + len(ids) - 1 > MAX_OBJECT_ID:
-        raise LimitExceededError(
-            f"{len(ids)} more objects", field="object_ids", limit=f"ids up to {MAX_OBJECT_ID}", hint="Merge some first."
-        )
+    here_ids = new_object_ids(here.objects, len(ids))
     scene, objects = here, []
-    for number, object_id in enumerate(ids):
+    for here_id, object_id in zip(here_ids, ids, strict=True):
         obj = object_of(source.objects.table, object_id)
         name = obj.name
         if name:
             scene, name = with_label(index, scene, name)
-        objects.append(replace(obj, id=first + number, name=name, proposed_in=(), missed_in=()))  # by other cameras
+        objects.append(replace(obj, id=here_id, name=name, proposed_in=(), missed_in=()))  # by other cameras
     owner = source.objects.owner[rows]
     new_ids = np.zeros(max(ids) + 1, np.int64)
-    new_ids[list(ids)] = np.arange(first, first + len(ids))
+    new_ids[list(ids)] = here_ids
     # Enclosed Gaussians of no inserted object go with the first.
-    inside = np.where(np.isin(owner, ids), new_ids[np.minimum(owner, max(ids))], first)
+    inside = np.where(np.isin(owner, ids), new_ids[np.minimum(owner, max(ids))], here_ids[0])
     part = moved_gaussians(gaussians_of_rows(source.scene.gaussians, rows), motion_of(edit))
     return replace(
         scene,
@@ -73,7 +69,7 @@ def insert_objects(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
             scene.objects,
             table=(*scene.objects.table, *objects),
             membership=_with_members(scene.objects.membership, inside),
-            next_id=first + len(ids),
+            next_id=here_ids.stop,
             parts=None
             if scene.objects.parts is None
             else with_rows_of_no_part(scene.objects.parts, len(scene.gaussians) + len(rows)),

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.scene.artefact.scene import Object, ObjectScene
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, without_rows
-from fastsplat.service.scene.objects.objects import MAX_OBJECT_ID, next_object_id, object_rows
-from fastsplat_contract.errors import LimitExceededError
+from fastsplat.service.scene.objects.objects import new_object_ids, object_rows
 
 _SURE_PX = 16  # membership of a Gaussian without evidence, pixels
 
@@ -27,11 +26,7 @@ def with_new_object(scene: ObjectScene, rows: NDArray[np.integer]) -> tuple[Obje
     """
     objects = scene.objects
     assert len(rows)
-    new_id = next_object_id(objects)
-    if new_id > MAX_OBJECT_ID:
-        raise LimitExceededError(
-            "one more object", field="object_ids", limit=f"ids up to {MAX_OBJECT_ID}", hint="Merge some objects first."
-        )
+    (new_id,) = new_object_ids(objects, 1)
     membership, owner = objects.membership, object_rows(objects)
     taken = np.zeros(len(membership), np.bool_)
     taken[rows] = True

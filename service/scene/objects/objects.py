@@ -16,7 +16,7 @@ from fastsplat.service.scene.artefact.reads import bounded_reads
 from fastsplat.service.scene.artefact.scene import Evidence, Object, ObjectGroup, Objects, Parts, Scene, SceneT
 from fastsplat.service.scene.objects.label_evidence import evidence_of, posterior, rows_of, with_unseen
 from fastsplat_contract.codec.unseen_characters import check_seen
-from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 
 MAX_NAME_CHARS = 200
 
@@ -46,6 +46,20 @@ def next_object_id(objects: Objects) -> int:
     """Returns the id for the next object to be added."""
     used = [*(obj.id for obj in objects.everything), *(group.id for group in objects.groups)]
     return max(objects.next_id, max(used, default=0) + 1)
+
+
+def new_object_ids(objects: Objects, count: int) -> range:
+    """Returns the ids for the next `count` objects to be added.
+
+    Raises:
+        LimitExceededError: there are not so many ids.
+    """
+    first = next_object_id(objects)
+    if first + count - 1 > MAX_OBJECT_ID:
+        raise LimitExceededError(
+            f"{count} more objects", field="object_ids", limit=f"ids up to {MAX_OBJECT_ID}", hint="Merge some first."
+        )
+    return range(first, first + count)
 
 
 def object_of(objects: Objects, object_id: int) -> Object:
