@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-from fastsplat_contract.errors import LimitExceededError
+from fastsplat.service.application.uploading.uploads import too_large
 from fastsplat_contract.jobs.operations import SceneOptions
 
 OPTIONS = frozenset(field.name for field in fields(SceneOptions)) - {"labels"}
@@ -23,9 +23,4 @@ def scene_options(labels: Sequence[str], sent: Mapping[str, Any]) -> SceneOption
 def check_announced(size: int, max_upload_bytes: int) -> None:
     """Raises `LimitExceededError` if an upload's announced size, in bytes, passes the limit."""
     if size > max_upload_bytes:
-        raise LimitExceededError(
-            f"the upload announces {size} bytes",
-            field="Content-Length",
-            limit=f"{max_upload_bytes} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
-            hint="Send fewer or smaller images.",
-        )
+        raise too_large(f"announces {size}", "Content-Length", max_upload_bytes)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fastsplat.service.capture.photos.scene_photos import photo_path
-from fastsplat.service.capture.views.kept_photos import read_photo
+from fastsplat.service.capture.photos.scene_photos import photo_path, read_photo
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.drawing.contact_sheets import MOST_OBJECTS, cell_side, contact_sheet, object_cell
 from fastsplat.service.query.measures.object_views import best_view_of_each

@@ -34,17 +34,29 @@ from fastsplat_contract.messages.queries import Answer
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
     from fastsplat.service.perception.results import TextEncoder
-    from fastsplat.service.query.coarse_view import CoarseView
     from fastsplat.service.query.drawing.scene_renderer import Mask2D, Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
     from fastsplat.service.query.objects.object_index import SceneObjects
     from fastsplat.service.query.phrases.object_looks import LooksModel
+    from fastsplat.service.scene.artefact.scene import ObjectScene
 
 _MAX_IMAGE_SIDE = 4_096
 """Pixels; larger views are refused."""
 
 _DEFAULTS = QuerySettings()
 _MAX_NAMED = 20
+
+
+class CoarseView:
+    """Renderer of a coarse scene with objects (see `coarse_scene`) while a camera moves; thread-safe."""
+
+    def __init__(self, scene: ObjectScene, settings: QuerySettings) -> None:
+        from fastsplat.service.query.drawing.scene_renderer import Renderer
+        from fastsplat.service.query.objects.object_index import SceneObjects
+
+        renderer = Renderer(scene, settings)
+        self.scene, self.render = scene, renderer.colors
+        self.objects = SceneObjects(scene, True, renderer.id_map, scene_history(scene))
 
 
 class SceneIndex:
@@ -269,8 +281,6 @@ class SceneIndex:
         objects = self.objects
         with self._renderer_lock:
             if self._coarse is None:
-                from fastsplat.service.query.coarse_view import CoarseView
-
                 scene = coarse_scene(objects.scene)
                 if scene is None:
                     return self

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastsplat.service.query.coarse_view import CoarseView
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.objects.labeled_objects import label_gaussians, labeled_objects
 from fastsplat.service.query.query_settings import QuerySettings
+from fastsplat.service.query.scene_index import CoarseView
 from fastsplat.service.scene.artefact.scene import SH_C0, Scene
 from fastsplat.service.scene.gaussians.coarse import coarse_scene
 from fastsplat.service.scene.gaussians.scene_rows import scene_of_rows

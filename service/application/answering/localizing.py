@@ -15,9 +15,8 @@ from fastsplat.service.application.answering.project_context import ProjectConte
 from fastsplat.service.application.base.cache import BudgetedCache
 from fastsplat.service.application.base.memory import picture_bytes
 from fastsplat.service.application.base.validate import check_texts
-from fastsplat.service.capture.photos.scene_photos import kept_lenses, photo_path
+from fastsplat.service.capture.photos.scene_photos import kept_lenses, photo_path, read_photo
 from fastsplat.service.capture.uploads.sent_photos import DECODER_BYTES, SparePhotoDecoder
-from fastsplat.service.capture.views.kept_photos import read_photo
 from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.landmarks import (
     BYTES_PER_LANDMARK,

@@ -25,7 +25,7 @@ from pathlib import Path
 
 from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.uploading.upload_piece import OFFSET, Algorithm, Piece, digits, mark_activity
-from fastsplat.service.application.uploading.uploads import disk_error
+from fastsplat.service.application.uploading.uploads import disk_error, too_large
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.common.files import sync_directory
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
@@ -119,12 +119,7 @@ class ResumableUploads:
         if length < 0:
             raise InvalidInputError(f"a length of {length} bytes", field="Upload-Length")
         if length > self.max_bytes:
-            raise LimitExceededError(
-                f"the upload announces {length} bytes",
-                field="Upload-Length",
-                limit=f"{self.max_bytes} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
-                hint="Send fewer or smaller images.",
-            )
+            raise too_large(f"announces {length}", "Upload-Length", self.max_bytes)
         if self._quotas is not None and self._quotas.bounded:
             self._quotas.check_room(project, length + sum(upload.length for upload in self._all(project)))
         check_free_space(self._blobs.root, self._min_free_bytes, length)

@@ -111,12 +111,7 @@ class UploadSession(AbstractContextManager["UploadSession"]):
     def _check_bytes(self, name: str, more: int) -> None:
         limit = self._settings.max_upload_bytes
         if self._bytes + more > limit:
-            raise LimitExceededError(
-                f"the upload is larger than {limit} bytes",
-                field=name,
-                limit=f"{limit} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
-                hint="Send fewer or smaller images.",
-            )
+            raise too_large(f"is larger than {limit}", name, limit)
         if self._bytes + more - self._space_checked_at >= SPACE_CHECK_BYTES:
             self._space_checked_at = self._bytes + more
             self._check_space()
@@ -271,6 +266,16 @@ def _chunks(stream: BinaryIO | Iterable[bytes]) -> Iterable[bytes]:
     if read is None:
         return stream
     return iter(lambda: read(_CHUNK), b"")
+
+
+def too_large(said: str, field: str, limit: int) -> LimitExceededError:
+    """Makes the error for an upload of which `said` tells the size."""
+    return LimitExceededError(
+        f"the upload {said} bytes",
+        field=field,
+        limit=f"{limit} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
+        hint="Send fewer or smaller images.",
+    )
 
 
 def disk_error(error: OSError, field: str) -> ResourceError:

@@ -18,6 +18,8 @@ from PIL import Image
 
 from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import Capture
+from fastsplat.service.capture.formats.image_io import load_rgb
+from fastsplat.service.capture.formats.reduced_images import limited
 from fastsplat.service.common.files import link_or_copy
 from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.errors import SceneFileError
@@ -55,6 +57,14 @@ def write_photos(
 def photo_path(folder: Path, number: int) -> Path:
     """Path of a camera's photo, by the camera's number from 0; it may not exist."""
     return folder / _FOLDER / f"{number:05d}.jpg"
+
+
+def read_photo(path: Path, side: int) -> NDArray[np.uint8]:
+    """Reads a kept photo, its longer side reduced to `side`; raises `SceneFileError`."""
+    try:
+        return limited(load_rgb(path), side)
+    except OSError as error:
+        raise SceneFileError(f"the photo {path.name} is damaged", field=path.name) from error
 
 
 def observed_photo_path(folder: Path, observation_id: str, number: int) -> Path:
