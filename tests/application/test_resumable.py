@@ -13,12 +13,12 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
 
 from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
-from fastsplat.service.application.uploading.upload_piece import Algorithm
 from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES
 from fastsplat.service.store.blobs.blobs import Blobs
 from fastsplat_contract.errors import (
@@ -55,14 +55,8 @@ def _until(data: bytes, cut: int, rng: random.Random) -> Iterator[bytes]:
         raise _CutError
 
 
-def _append(
-    uploads: ResumableUploads,
-    upload_id: str,
-    offset: int,
-    chunks: Iterable[bytes],
-    checksum: tuple[Algorithm, bytes] | None = None,
-) -> Resumable:
-    with closing(uploads.begin_piece("k", upload_id, offset, checksum)) as piece:
+def _append(uploads: ResumableUploads, upload_id: str, at: int, chunks: Iterable[bytes], *checksum: Any) -> Resumable:
+    with closing(uploads.begin_piece("k", upload_id, at, *checksum)) as piece:
         for chunk in chunks:
             piece.write(chunk)
         piece.finish()

@@ -14,7 +14,7 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry import viewpoint
 from fastsplat_contract.geometry.poses import quaternion_of, rigid, vector3
 
-_OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _IDENTITY = np.eye(3)
 _TOLERANCE = 1e-3  # of the entries of a rigid transform
 
@@ -131,7 +131,7 @@ class PosedCamera:
         """Back from `to_wire`, of either convention; the quaternion is of unit length."""
         pose = rigid(sent.orientation, sent.position)
         if sent.convention == "OPENGL":
-            pose = pose @ _OPENCV_FROM_OPENGL
+            pose = pose @ OPENCV_FROM_OPENGL
         return cls(Camera(**vars(sent.intrinsics)), pose, sent.name, sent.frame_id)
 
     @classmethod

@@ -6,15 +6,11 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from fastsplat.service.scene.formats.colmap_writing import colmap_text_model
 from fastsplat.service.scene.formats.zips import zipped
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.geometry.camera import PosedCamera
-
-_OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+from fastsplat_contract.geometry.camera import OPENCV_FROM_OPENGL, PosedCamera
 
 
 def camera_list(cameras: Sequence[PosedCamera]) -> bytes:
@@ -40,7 +36,7 @@ def _frame(posed: PosedCamera) -> dict[str, Any]:
         "fl_y": lens.fy,
         "cx": lens.cx,
         "cy": lens.cy,
-        "transform_matrix": (posed.world_from_camera @ _OPENGL_FROM_OPENCV).tolist(),
+        "transform_matrix": (posed.world_from_camera @ OPENCV_FROM_OPENGL).tolist(),
     }
 
 

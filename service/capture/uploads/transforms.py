@@ -35,10 +35,9 @@ from fastsplat.service.capture.uploads.posed_input import (
 )
 from fastsplat.service.common.similarity import nearest_rotation
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.geometry.camera import check_rigid
+from fastsplat_contract.geometry.camera import OPENCV_FROM_OPENGL, check_rigid
 from fastsplat_contract.messages.scenes import Scale
 
-_OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _POSE_HINT = "Give a rigid 4×4 world-from-camera matrix of finite numbers, or remove the frame."
 _SIZE_KEYS = ("w", "h")
 _FOCAL_KEYS = ("fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
@@ -256,7 +255,7 @@ def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
     except InvalidInputError as error:
         raise InvalidInputError(error.message, field=where, hint=error.hint or _POSE_HINT) from error
     if opengl:
-        pose = pose @ _OPENCV_FROM_OPENGL
+        pose = pose @ OPENCV_FROM_OPENGL
     pose[:3, :3] = nearest_rotation(pose[:3, :3])  # so that products of poses stay rigid
     return pose
 

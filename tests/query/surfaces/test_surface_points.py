@@ -16,7 +16,6 @@ from fastsplat.service.query.surfaces.surface_views import (
     SurfaceView,
     back_projected,
     observed,
-    projected,
     surface_views,
 )
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
@@ -57,14 +56,6 @@ def test_confidence_falls_where_light_comes_from_several_depths() -> None:
     shares = seen.spread / np.maximum(seen.depth, 1e-9)
     assert np.median(seen.confidence[left]) < 0.5 * np.median(seen.confidence[right])
     assert np.median(shares[left]) > 0.05 > np.median(shares[right])
-
-
-def test_back_projection_and_projection_are_inverse(views: tuple[SurfaceView, ...]) -> None:
-    view = views[1]
-    rows, pixels, z = projected(view, back_projected(view))
-    assert len(rows) >= 0.999 * (view.depth > 0).sum()  # a pixel on the edge may be rounded out of the picture
-    np.testing.assert_array_equal(pixels, np.flatnonzero(view.depth)[rows])
-    np.testing.assert_allclose(z, view.depth.reshape(-1)[pixels], rtol=1e-5)
 
 
 def test_points_are_on_the_wall_with_their_objects_and_apart(views: tuple[SurfaceView, ...]) -> None:

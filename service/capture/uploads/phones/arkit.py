@@ -21,9 +21,8 @@ from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, check_position, no_points
 from fastsplat.service.common.similarity import nearest_rotation
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.geometry.camera import check_rigid
+from fastsplat_contract.geometry.camera import OPENCV_FROM_OPENGL, check_rigid
 
-_OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _Z_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 _AGAIN = "Export the recording again."
 _Item = TypeVar("_Item")
@@ -59,7 +58,7 @@ def world_from_camera(matrix: F64, field: str) -> F64:
         check_position(matrix, field)
     except InvalidInputError as error:
         raise InvalidInputError(error.message, field=field, hint=_AGAIN) from error
-    pose = _Z_UP @ matrix @ _OPENCV_FROM_OPENGL
+    pose = _Z_UP @ matrix @ OPENCV_FROM_OPENGL
     pose[:3, :3] = nearest_rotation(pose[:3, :3])
     return pose
 
