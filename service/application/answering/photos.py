@@ -95,15 +95,15 @@ class Photos:
         return NextPhotoList(next_photos(index), name)
 
     def best_views(
-        self, scene_id: str, objects: Sequence[int] = (), text: str = "", max_views: int = 0, version: str = ""
+        self, scene_id: str, object_ids: Sequence[int] = (), text: str = "", max_views: int = 0, version: str = ""
     ) -> BestViewList:
         """Cameras that show some objects best, by their visible share of the picture.
 
         Objects cut off by the picture's edge count less. Empty if no camera shows them, or nothing answers.
 
         Args:
-            objects: ids of objects or parts, seen together.
-            text: instead of `objects`: those that answer it.
+            object_ids: ids of objects or parts, seen together.
+            text: instead of `object_ids`: those that answer it.
             max_views: 0: three.
 
         Raises:
@@ -113,7 +113,7 @@ class Photos:
             LimitExceededError: more than 16 views, or too long a text.
         """
         check_texts(version, "version")
-        if bool(objects) == bool(text):
+        if bool(object_ids) == bool(text):
             raise InvalidInputError(
                 "best views need exactly one of objects and text",
                 field="object_ids",
@@ -132,7 +132,7 @@ class Photos:
         has_photo = {name for number, name in enumerate(names) if photo_path(folder, number).is_file()}
         index, read_version = self._context.scenes.open(scene_id, version)
         object_ids = (
-            index.objects.with_members(objects)
+            index.objects.with_members(object_ids)
             if query is None
             else _answering(index, self._context.known_names.suggesting(scene_id, index.ranked), query)
         )
