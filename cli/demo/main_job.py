@@ -33,35 +33,6 @@ _NAME = "Oskar"
 _SAMPLE_QUESTIONS = ("banana", "coffee", "fruit", "something to read", "bicycle")
 """For the sample capture: an object by its name, three ambiguous questions, and an object that is not there."""
 
-_WIDER = {
-    "teddy bear": "plush toy",
-    "bed": "mattress",
-    "cup": "tea",
-    "wine glass": "wine",
-    "bottle": "water",
-    "bowl": "soup",
-    "banana": "fruit",
-    "apple": "fruit",
-    "orange": "fruit",
-    "spoon": "fork",
-    "knife": "fork",
-    "book": "novel",
-    "laptop": "computer",
-    "keyboard": "typing",
-    "mouse": "computer",
-    "tv": "screen",
-    "couch": "sofa",
-    "chair": "seat",
-    "dining table": "desk",
-    "potted plant": "flower",
-    "vase": "cup",
-    "car": "vehicle",
-    "truck": "vehicle",
-    "bicycle": "bike",
-    "person": "human",
-    "cat": "pet",
-    "dog": "pet",
-}
 _ABSENT = ("submarine", "volcano", "bicycle")
 
 
@@ -70,7 +41,8 @@ def run_main_job(
 ) -> None:
     """Runs the main job into the empty `folder`: report.json, pictures, PLY files, `service`.
 
-    Without `photos` the sample's are taken, without `ask` the sample's questions, or some of the scene's names.
+    Without `photos` the sample's are taken, without `ask` the sample's questions, or the two leading names of the scene
+    and an object that is not there.
 
     Raises:
         FastSplatError: a port is taken, the service does not start, or what it answers.
@@ -92,7 +64,8 @@ def run_main_job(
     ):
         scene, operation = _train(client, photos or SAMPLE_PHOTOS, seconds, console, folder)
         labels = [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
-        texts = ask or (_questions_for(labels) if photos else _SAMPLE_QUESTIONS)
+        absent = next(word for word in _ABSENT if word not in labels)
+        texts = ask or ((*labels[:2], absent) if photos else _SAMPLE_QUESTIONS)
         answers = [_ask(client, scene.id, text) for text in texts]
         objects, view = list(client.objects(scene.id)), scene.cameras[len(scene.cameras) // 2].name
         (folder / "objects.png").write_bytes(client.picture(scene.id, "objects", view))
@@ -183,10 +156,3 @@ def object_to_name(ids: NDArray[np.uint16], objects: Mapping[int, SceneObject]) 
         candidates, key=lambda pair: (pair[0].kind == "surface", bool(pair[0].name), pair[0].id in cut, -pair[1])
     )
     return order[0][0].id if order else None
-
-
-def _questions_for(labels: Sequence[str]) -> tuple[str, ...]:
-    """The two leading labels, a wider or neighbouring word (ambiguous on purpose), and an object that is not there."""
-    wider = next((_WIDER[label] for label in labels if label in _WIDER and _WIDER[label] not in labels), "furniture")
-    absent = next(word for word in _ABSENT if word not in labels)
-    return (*labels[:2], wider, absent)
