@@ -159,7 +159,8 @@ class _SeenKeypoints:
     @property
     def places(self) -> F64:
         """World positions, float64 [K, 3]; the camera's center without depth."""
-        return self.posed.places(*self.keypoints.points.T, self.depths)
+        x, y = self.keypoints.points.T
+        return self.posed.places(x, y, self.depths)
 
 
 def _triangulate(photos: Sequence[_SeenKeypoints]) -> list[tuple[F64, NDArray[np.intp]]]:

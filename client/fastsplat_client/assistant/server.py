@@ -82,8 +82,8 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
     ):  # fmt: skip
         offer(tool, _READS)
     offer(look_from, _READS, structured=False)
-    for tool in (naming.suggest_names, tools.name_object, tools.clean_up):
-        offer(tool, _CHANGES)
+    for change in (naming.suggest_names, tools.name_object, tools.clean_up):
+        offer(change, _CHANGES)
     return server
 
 

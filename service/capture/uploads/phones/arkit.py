@@ -6,7 +6,7 @@ ARKit's world has y up and meters; its cameras have x right, y up, z backward. O
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
@@ -39,13 +39,10 @@ def json_object(root: Path, path: str, settings: CaptureSettings) -> dict[str, A
 
 
 def depth_file(
-    root: Path,
-    depth: PurePosixPath,
-    confidence: PurePosixPath,
-    unit: float = 0.001,
-    size: tuple[int, int] | None = None,
+    root: Path, maps: Iterable[PurePosixPath], unit: float = 0.001, size: tuple[int, int] | None = None
 ) -> DepthFile | None:
     """Finds a depth map, by default in millimeters, and its confidence map; None without a depth map."""
+    depth, confidence = maps
     if not (root / depth).is_file():
         return None
     return DepthFile(str(depth), unit, size, str(confidence) if (root / confidence).is_file() else None)

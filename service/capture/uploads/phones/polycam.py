@@ -80,7 +80,7 @@ def _image(root: Path, path: str, photo: str, beside: PurePosixPath, settings: C
         path=photo,
         camera_model=arkit.pinhole(intrinsics, size, path),
         world_from_camera=arkit.world_from_camera(matrix, path),
-        depth=arkit.depth_file(root, *maps),
+        depth=arkit.depth_file(root, maps),
     )
 
 

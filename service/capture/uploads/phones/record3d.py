@@ -64,7 +64,7 @@ def read_record3d(
                     path=photo,
                     camera_model=arkit.pinhole(_intrinsics(document, index, name), size, field),
                     world_from_camera=arkit.world_from_camera(_matrix(poses[index], field), field),
-                    depth=None if depth_size is None else arkit.depth_file(root, *maps, 1.0, depth_size),
+                    depth=None if depth_size is None else arkit.depth_file(root, maps, 1.0, depth_size),
                 )
             )
     warnings += missing_warning(name, missing, len(chosen), settings)

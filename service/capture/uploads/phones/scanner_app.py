@@ -61,5 +61,5 @@ def _image(
         path=photo,
         camera_model=arkit.pinhole([float(k[0]), float(k[4]), float(k[2]), float(k[5])], sizes[photo], path),
         world_from_camera=arkit.world_from_camera(matrix, path),
-        depth=arkit.depth_file(root, *maps),
+        depth=arkit.depth_file(root, maps),
     )

@@ -27,7 +27,7 @@ def logits(stored: NDArray[np.uint8]) -> F32:
         return np.asarray(np.log(shares) - np.log1p(-shares))
 
 
-def smallest_three(place: NDArray[np.intp], smaller: F32) -> F32:
+def smallest_three(place: NDArray[np.intp], smaller: NDArray[np.floating]) -> F32:
     """Completes unit quaternions [K, 4] from the place [K] of the largest component and the others [K, 3], in order."""
     quats, place = np.zeros((len(place), 4), np.float32), place[:, None]
     np.put_along_axis(quats, np.arange(3) + (place <= np.arange(3)), smaller, axis=1)
