@@ -20,48 +20,19 @@ from fastsplat.api.rest.access import AccessLayer
 from fastsplat.api.rest.app import create_app
 from fastsplat.api.server import run
 from fastsplat.cli.operating.logs import JsonLines
-from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.guarded import ROUTES
-from tests.api.served import Faces, rest_refusal, served
+from tests.api.guarded import ROUTES, Guarded
+from tests.api.served import Faces, rest_refusal
 from tests.waiting import wait_for
 
 
-@pytest.fixture(scope="module")
-def locked_settings(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> Settings:
-    return api_settings.model_copy(update={"auth": "on", "data_dir": tmp_path_factory.mktemp("locked")})
-
-
-@pytest.fixture(scope="module")
-def locked_service(locked_settings: Settings) -> Iterator[SceneService]:
-    with open_service(locked_settings) as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def locked(locked_service: SceneService, locked_settings: Settings) -> Iterator[Faces]:
-    with served(locked_service, locked_settings) as faces:
-        yield faces
-
-
-@pytest.fixture(scope="module")
-def keys(locked_service: SceneService) -> dict[str, str]:
-    _, read = locked_service.admin.keys.create("r", "reader")
-    record, write = locked_service.admin.keys.create("w", "admin")
-    return {"none": "", "wrong": f"fsk_{record.id}_" + "x" * 43, "read": read, "write": write}
-
-
-def _header(key: str) -> dict[str, str]:
-    return {"Authorization": f"Bearer {key}"} if key else {}
-
-
-def test_unknown_rpcs_tell_nothing_without_a_key(locked: Faces, keys: dict[str, str]) -> None:
-    for key, expected in (("", "UNAUTHENTICATED"), (keys["write"], "UNIMPLEMENTED")):
-        call = locked.channel.unary_unary("/fastsplat.v1.SceneService/Nothing")
+def test_unknown_rpcs_tell_nothing_without_a_key(guarded: Guarded) -> None:
+    for caller, expected in (("none", "UNAUTHENTICATED"), ("admin", "UNIMPLEMENTED")):
+        call = guarded.faces.channel.unary_unary("/fastsplat.v1.SceneService/Nothing")
         with pytest.raises(grpc.RpcError) as caught:
-            call(b"", metadata=(("authorization", f"Bearer {key}"),) if key else ())
+            call(b"", metadata=guarded.metadata(caller))
         assert caught.value.code().name == expected
 
 
@@ -73,15 +44,15 @@ def test_unknown_rpcs_tell_nothing_without_a_key(locked: Faces, keys: dict[str, 
         "/nothing",
     ],
 )  # fmt: skip
-def test_tricks_with_paths_open_no_door(locked: Faces, keys: dict[str, str], path: str) -> None:
-    assert _raw(locked, path, "") in (401, 404 if path.startswith("/web/") else 401)
-    assert _raw(locked, path, keys["read"]) == 404
+def test_tricks_with_paths_open_no_door(guarded: Guarded, path: str) -> None:
+    assert _raw(guarded.faces, path, "") in (401, 404 if path.startswith("/web/") else 401)
+    assert _raw(guarded.faces, path, guarded.keys["reader"]) == 404
 
 
-def test_a_method_that_a_path_does_not_know_needs_a_key_too(locked: Faces, keys: dict[str, str]) -> None:
-    assert locked.rest.patch("/v1/scenes").status_code == 401
-    assert locked.rest.patch("/v1/scenes", headers=_header(keys["read"])).status_code == 405
-    assert locked.rest.post("/livez").status_code == 401
+def test_a_method_that_a_path_does_not_know_needs_a_key_too(guarded: Guarded) -> None:
+    rest = guarded.faces.rest
+    assert rest.patch("/v1/scenes").status_code == rest.post("/livez").status_code == 401
+    assert rest.patch("/v1/scenes", headers=guarded.header("reader")).status_code == 405
 
 
 def _raw(faces: Faces, path: str, key: str) -> int:
@@ -104,23 +75,23 @@ def test_the_decision_is_about_the_route_that_answers() -> None:
         assert layer.matched_route(scope) == route
 
 
-def test_both_headers_carry_a_key(locked: Faces, keys: dict[str, str]) -> None:
-    for headers in ({"Authorization": f"bearer {keys['read']}"}, {"X-Api-Key": keys["read"]}):
-        assert locked.rest.get("/v1/scenes", headers=headers).status_code == 200
+def test_both_headers_carry_a_key(guarded: Guarded) -> None:
+    for headers in ({"Authorization": f"bearer {guarded.keys['reader']}"}, {"X-Api-Key": guarded.keys["reader"]}):
+        assert guarded.faces.rest.get("/v1/scenes", headers=headers).status_code == 200
         metadata = tuple((name.lower(), value) for name, value in headers.items())
-        locked.rpc.ListScenes(pb.ListScenesRequest(), metadata=metadata)
+        guarded.faces.rpc.ListScenes(pb.ListScenesRequest(), metadata=metadata)
     for headers in (
-        {"Authorization": keys["read"]},
-        {"Authorization": f"Basic {keys['read']}"},
-        {"Cookie": keys["read"]},
+        {"Authorization": guarded.keys["reader"]},
+        {"Authorization": f"Basic {guarded.keys['reader']}"},
+        {"Cookie": guarded.keys["reader"]},
     ):
-        assert locked.rest.get("/v1/scenes", headers=headers).status_code == 401
-    assert locked.rest.get("/v1/scenes", params={"key": keys["read"]}).status_code == 401
+        assert guarded.faces.rest.get("/v1/scenes", headers=headers).status_code == 401
+    assert guarded.faces.rest.get("/v1/scenes", params={"key": guarded.keys["reader"]}).status_code == 401
 
 
-def test_health_is_open_and_reflection_is_not(locked: Faces, keys: dict[str, str]) -> None:
-    health_pb2_grpc.HealthStub(locked.channel).Check(health_pb2.HealthCheckRequest())
-    stub = reflection_pb2_grpc.ServerReflectionStub(locked.channel)
+def test_health_is_open_and_reflection_is_not(guarded: Guarded) -> None:
+    health_pb2_grpc.HealthStub(guarded.faces.channel).Check(health_pb2.HealthCheckRequest())
+    stub = reflection_pb2_grpc.ServerReflectionStub(guarded.faces.channel)
 
     def requests() -> Iterator[reflection_pb2.ServerReflectionRequest]:
         yield reflection_pb2.ServerReflectionRequest(list_services="")
@@ -128,24 +99,27 @@ def test_health_is_open_and_reflection_is_not(locked: Faces, keys: dict[str, str
     with pytest.raises(grpc.RpcError) as caught:
         list(stub.ServerReflectionInfo(requests()))
     assert caught.value.code() == grpc.StatusCode.UNAUTHENTICATED
-    (answer,) = stub.ServerReflectionInfo(requests(), metadata=(("authorization", f"Bearer {keys['read']}"),))
+    (answer,) = stub.ServerReflectionInfo(requests(), metadata=guarded.metadata("reader"))
     names = {service.name for service in answer.list_services_response.service}
     assert {"fastsplat.v1.SceneService", "grpc.health.v1.Health"} <= names
 
 
-def test_keys_are_never_logged(locked: Faces, keys: dict[str, str], caplog: pytest.LogCaptureFixture) -> None:
+def test_keys_are_never_logged(guarded: Guarded, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(0)
-    locked.rest.get("/v1/scenes", headers=_header(keys["write"]))
-    locked.rest.get(f"/v1/scenes/{keys['read']}", headers=_header(keys["read"]))
-    locked.rest.get("/v1/scenes", headers=_header(keys["wrong"]), params={"page_token": keys["read"]})
-    locked.rpc.ListScenes(pb.ListScenesRequest(), metadata=(("authorization", f"Bearer {keys['write']}"),))
+    wrong = "_".join([*guarded.keys["admin"].split("_", 2)[:2], "x" * 43])
+    guarded.faces.rest.get("/v1/scenes", headers=guarded.header("admin"))
+    guarded.faces.rest.get(f"/v1/scenes/{guarded.keys['reader']}", headers=guarded.header("reader"))
+    guarded.faces.rest.get("/v1/scenes", headers={"X-Api-Key": wrong}, params={"page_token": guarded.keys["reader"]})
+    guarded.faces.rpc.ListScenes(pb.ListScenesRequest(), metadata=guarded.metadata("admin"))
     with pytest.raises(grpc.RpcError):
-        locked.rpc.GetScene(pb.GetSceneRequest(scene_id=keys["read"]), metadata=(("x-api-key", keys["read"]),))
+        guarded.faces.rpc.GetScene(
+            pb.GetSceneRequest(scene_id=guarded.keys["reader"]), metadata=(("x-api-key", guarded.keys["reader"]),)
+        )
     wait_for(lambda: len([record for record in caplog.records if hasattr(record, "request_id")]) >= 5)
     lines = [JsonLines("api").format(record) for record in caplog.records]
     ours = [json.loads(line) for line in lines if '"request_id"' in line]
     assert any(line["key_id"] and line["milliseconds"] >= 0 for line in ours)
-    for secret in (key.split("_", 2)[2] for key in keys.values() if key):
+    for secret in (key.split("_", 2)[2] for key in (guarded.keys["reader"], guarded.keys["admin"], wrong)):
         assert not any(secret in line for line in lines)
 
 
@@ -179,7 +153,7 @@ def test_without_a_source_of_keys_nobody_gets_in() -> None:
     async def requests() -> int:
         transport = httpx.ASGITransport(create_app(None, Settings()))
         async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
-            return (await client.get("/v1/scenes", headers=_header(f"fsk_{'0' * 12}_{'x' * 43}"))).status_code
+            return (await client.get("/v1/scenes", headers={"X-Api-Key": f"fsk_{'0' * 12}_{'x' * 43}"})).status_code
 
     assert asyncio.run(requests()) == 401
 

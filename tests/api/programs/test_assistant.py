@@ -28,7 +28,6 @@ from tests.api.clients import client_of
 from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal, served
-from tests.api.upright_scene import add_upright_scene
 from tests.commands import invoke
 
 _TOOLS = {
@@ -107,11 +106,10 @@ def test_found_is_what_rest_answers(faces: Faces, scene_id: str, text: str) -> N
 
 
 def test_a_goal_is_that_of_rest_and_refused_as_there(
-    faces: Faces, service: SceneService, api_settings: Settings, scene_id: str
+    faces: Faces, service: SceneService, upright_id: str, scene_id: str
 ) -> None:
-    upright = add_upright_scene(service, api_settings)
-    said = _said(_call(faces, "goal", object_id=1, robot_radius=0.15, scene=upright))
-    truth = service.exports.goal(upright, 1, 0.15)
+    said = _said(_call(faces, "goal", object_id=1, robot_radius=0.15, scene=upright_id))
+    truth = service.exports.goal(upright_id, 1, 0.15)
     assert np.allclose(said["position"], truth.pose.position, atol=1e-4) and said["object_id"] == 1
     assert [said[name] for name in ("yaw", "distance", "clearance")] == pytest.approx(
         [truth.yaw, truth.distance, truth.clearance], abs=1e-4
@@ -275,14 +273,6 @@ def test_a_key_can_do_by_tool_what_it_can_by_rest_and_no_more(guarded: Guarded) 
     assert guarded.service.get_scene(scene_id).version == before
     stranger = _refusal(_call(guarded.faces, "find", guarded.header("stranger"), text="mug", scene=scene_id))
     assert "0 scenes fit" in stranger and "kept" not in stranger
-
-
-def test_a_link_to_one_scene_shows_an_assistant_that_scene(guarded: Guarded) -> None:
-    scene_id = add_scene(guarded.service, guarded.settings, "shown")
-    with client_of(guarded.faces, key=guarded.keys["admin"]) as admin:
-        link = {"Authorization": f"Bearer {admin.keys.share(scene_id, 'for an assistant', 3600.0).secret}"}
-    assert [scene["id"] for scene in _said(_call(guarded.faces, "list_scenes", link))["scenes"]] == [scene_id]
-    assert _said(_call(guarded.faces, "find", link, text="mug"))["scene"] == scene_id
 
 
 def test_several_scenes_need_a_name(guarded: Guarded) -> None:

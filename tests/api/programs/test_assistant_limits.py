@@ -29,7 +29,7 @@ from tests.api.clients import client_of
 from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
 from tests.api.programs.test_assistant import _call, _refusal, _said, _talk
-from tests.api.served import Faces, rest_refusal
+from tests.api.served import Faces
 
 
 @pytest.mark.parametrize(
@@ -56,14 +56,6 @@ def test_a_refusal_names_the_argument_and_quotes_nothing(
     (content,) = response.json()["result"]["content"]
     assert content["text"].startswith("INVALID_INPUT: ") and f"field: {field}" in content["text"]
     assert len(content["text"]) < 1_000 and "pydantic" not in content["text"] and "xxx" not in content["text"]
-
-
-@pytest.mark.parametrize("header", [{"Host": "evil.example"}, {"Origin": "https://evil.example"}])
-def test_a_page_of_another_site_does_not_come_in(faces: Faces, header: dict[str, str]) -> None:
-    """By its own name as origin, or, by DNS rebinding, as host."""
-    body = {"jsonrpc": "2.0", "id": 1, "method": "tools/list", "params": {}}
-    refusal = rest_refusal(faces.rest.post("/mcp", json=body, headers=header))
-    assert refusal.code == 403 and "without keys" in refusal.detail
 
 
 def test_a_name_that_a_person_gave_is_replaced_only_by_who_names_it(guarded: Guarded) -> None:

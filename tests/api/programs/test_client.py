@@ -1,31 +1,23 @@
-"""The typed client and a real server: uploads, keys, TLS, and work that stops when nobody waits for it."""
+"""The typed client and a real server: uploads, keys, TLS, and where gRPC is."""
 
 from __future__ import annotations
 
-import json
-import shutil
-import threading
-from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
 
 import pytest
 from pydantic import ValidationError
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.settings import Settings
-from fastsplat_client import Client, DeadlineExceededError, Retry, Subscription
-from fastsplat_contract.errors import CancelledError, PermissionDeniedError, UnauthenticatedError
-from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_client import Client, Retry, Subscription
+from fastsplat_contract.errors import PermissionDeniedError, UnauthenticatedError
 from fastsplat_contract.jobs.operations import SceneOptions
-from fastsplat_contract.messages.queries import QueryOut, QueryRequest
+from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.clients import client_of
 from tests.api.line import Line
 from tests.api.made_scene import add_scene, turned
-from tests.api.served import Faces, OwnQuestions, served, serving
+from tests.api.served import Faces, serving
 from tests.api.uploaded import photo, zipped
-from tests.waiting import with_growing_limit
 
 _SIZE = (320, 240)
 
@@ -41,7 +33,6 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {"folder": folder / "photos", "archive": folder / "photos ü.zip"}
 
 
-_SAMPLE = Path(__file__).resolve().parents[3] / "demo" / "sample"
 _OPTIONS = SceneOptions(
     ("mug", "story book"), time_budget_s=9.0, max_gaussians=500, preset="draft", priority=3, privacy="people"
 )
@@ -62,28 +53,6 @@ def test_a_capture_arrives_whole_with_its_options(
         assert record.priority == 3 and record.options["preset"] == "draft" and record.options["privacy"] == "people"
         assert record.options["labels"] == ["mug", "story book"] and record.options["max_gaussians"] == 500
         client.delete_scene(operation.scene_id)
-
-
-def test_a_folder_with_poses_masks_and_labels_arrives_as_what_it_is(
-    faces: Faces, service: SceneService, tmp_path: Path
-) -> None:
-    transforms = json.loads((_SAMPLE / "transforms.json").read_text())
-    transforms["frames"] = transforms["frames"][::9]
-    names = [frame[key] for frame in transforms["frames"] for key in ("file_path", "mask_path")]
-    for name in names:
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(_SAMPLE / name, tmp_path / name)
-    (tmp_path / "transforms.json").write_text(json.dumps(transforms))
-    with client_of(faces) as client:
-        operation = client.create_scene(tmp_path)
-    record = service._store.scenes.operation(operation.id)
-    stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
-    manifest, files = read_manifest(stored)
-    assert manifest.source == "nerfstudio" and len(manifest.photos) == len(transforms["frames"])
-    assert len(manifest.label_maps) == len(transforms["frames"])  # the sample's masks are label maps: no detector runs
-    for name in ("transforms.json", *names):
-        assert (files / name).read_bytes() == (tmp_path / name).read_bytes()
-    service.delete_scene(operation.scene_id)
 
 
 def test_an_upload_over_a_line_that_breaks_again_and_again_arrives_whole(
@@ -140,44 +109,3 @@ def test_clients_are_told_where_grpc_is(faces: Faces, service: SceneService, api
 def test_an_address_without_a_port_is_none(address: str) -> None:
     with pytest.raises(ValidationError):
         Settings(grpc_address=address)
-
-
-def _give_up(ask: Callable[[float], object], begun: threading.Event) -> None:
-    """Ask with deadlines that pass; the last of them is long enough for the server to begin."""
-
-    def attempt(limit_s: float) -> bool | None:
-        with pytest.raises(DeadlineExceededError):
-            ask(limit_s)
-        return begun.is_set() or None
-
-    assert with_growing_limit(attempt, 0.1)
-
-
-class _Watched(OwnQuestions):
-    """A service that tells when a question began, and how its last one ended."""
-
-    error: BaseException | None = None
-
-    def query(self, request: QueryRequest) -> QueryOut:
-        self.begun.set()
-        try:
-            return self._service.answers.query(request)
-        except BaseException as error:
-            self.error = error
-            raise
-        finally:
-            self.stopped.set()
-
-
-@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
-def test_a_deadline_ends_the_rendering_of_many_views(
-    service: SceneService, api_settings: Settings, scene_id: str, protocol: Literal["REST", "gRPC"]
-) -> None:
-    watched = _Watched(service)
-    posed = turned(0.0)
-    large = PosedCamera(posed.camera.scaled_to(4_000, 3_000), posed.world_from_camera)
-    request = QueryRequest(scene_id, ("mug",), cameras=(large,) * 11, outputs=frozenset({"mask2d"}))
-    with served(watched, api_settings) as faces, client_of(faces) as client:
-        _give_up(lambda limit_s: client.ask(request, timeout_s=limit_s, protocol=protocol), watched.begun)
-        assert watched.stopped.wait(60)
-    assert isinstance(watched.error, CancelledError)

@@ -38,11 +38,6 @@ _MAKE = BagMessages(types_with_vision())
 
 
 @pytest.fixture(scope="module")
-def scene_id(service: SceneService, api_settings: Settings) -> str:
-    return add_upright_scene(service, api_settings)
-
-
-@pytest.fixture(scope="module")
 def aligned_id(service: SceneService, api_settings: Settings) -> str:
     scene_id = add_upright_scene(service, api_settings)
     service.versions.edit(scene_id, (Edit("align", alignment=Alignment("hall", _QUARTER)),), "", "")
@@ -50,8 +45,8 @@ def aligned_id(service: SceneService, api_settings: Settings) -> str:
 
 
 @pytest.fixture
-def snapshot(client: Client, scene_id: str) -> Snapshot:
-    return read_snapshot(client, scene_id)
+def snapshot(client: Client, upright_id: str) -> Snapshot:
+    return read_snapshot(client, upright_id)
 
 
 def _read(folder: Path) -> dict[str, tuple[int, Any]]:
@@ -145,7 +140,7 @@ def test_the_map_is_what_map_server_makes_of_the_files(snapshot: Snapshot, tmp_p
 
 
 def test_the_map_is_the_parent_of_the_scene_as_it_was_trained(
-    client: Client, scene_id: str, aligned_id: str, tmp_path: Path
+    client: Client, upright_id: str, aligned_id: str, tmp_path: Path
 ) -> None:
     snapshot = read_snapshot(client, aligned_id)
     assert write_bag(snapshot, tmp_path / "bag") == [*TOPICS, "/tf_static"]
@@ -156,7 +151,7 @@ def test_the_map_is_the_parent_of_the_scene_as_it_was_trained(
     motion = Pose(
         Vector3(*_values(transform.transform.translation)), Quaternion(*_values(transform.transform.rotation))
     ).matrix()
-    before = {detection.object_id: detection.box for detection in client.detections(scene_id)}
+    before = {detection.object_id: detection.box for detection in client.detections(upright_id)}
     for sent in read["/fastsplat/detections"][1].detections:
         trained = before[int(sent.id)]
         assert trained is not None

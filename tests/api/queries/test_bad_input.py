@@ -161,19 +161,6 @@ def test_query_parameters_are_checked(faces: Faces, scene_id: str) -> None:
         assert refused.code == 400 and refused.details["field"] == field, path
 
 
-def test_poses_may_come_in_opengl_axes(faces: Faces, scene_id: str) -> None:
-    upright = _CAMERA
-    q = upright["orientation"]
-    # Turning the camera frame by 180° about its x axis: q · (1, 0, 0, 0) in x y z w.
-    flipped = {"x": q["w"], "y": q["z"], "z": -q["y"], "w": -q["x"]}
-    opengl = {**upright, "orientation": flipped, "convention": "OPENGL"}
-    pictures = [
-        faces.rest.post(f"/v1/scenes/{scene_id}:render", json={"kind": "rgb", "camera": camera}).content
-        for camera in (upright, opengl)
-    ]
-    assert pictures[0] == pictures[1] and pictures[0].startswith(b"\x89PNG")
-
-
 _HALF = '"\\ud800"'
 
 

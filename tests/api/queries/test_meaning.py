@@ -1,4 +1,4 @@
-"""A server with WordNet: REST = gRPC = in process, and its status says whether answers use the lexicon."""
+"""A service with WordNet asks for the kind of a name, and its status says whether answers use the lexicon."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ from tests.api.made_scene import made_scene
 from tests.api.served import on_free_ports
 from tests.scenes import store_scene
 
-_QUESTIONS = ("mug", "beaker", "drinking vessel", "novel", "globe", "toy", "volcano", "something to read", "cup of tea")
-
 
 def _settings(models: Path, folder: Path, lexicon: str = "wordnet", **query: object) -> Settings:
     return on_free_ports(
@@ -28,19 +26,6 @@ def _settings(models: Path, folder: Path, lexicon: str = "wordnet", **query: obj
         perception=PerceptionSettings(lexicon=lexicon),
         query=QuerySettings.model_validate({"backend": "cpu"} | query),
     )
-
-
-def test_answers_say_the_relation_to_what_was_found(lexicon_models_dir: Path, tmp_path: Path) -> None:
-    settings = _settings(lexicon_models_dir, tmp_path)
-    scene = made_scene(open_text_encoder("minilm_l6_int8", lexicon_models_dir, threads=1))
-    with open_service(settings) as service:
-        scene_id = store_scene(service._store, scene, "made")
-        request = QueryRequest(scene_id, _QUESTIONS)
-        truth = service.answers.query(request).answers
-    assert {answer.method for answer in truth} == {"lexicon"}
-    assert {answer.relation for answer in truth} >= {"same", "kind_of", "absent"}
-    said = {answer.text: (answer.relation, answer.relation_subject) for answer in truth}
-    assert said["drinking vessel"] == ("kind_of", "label") and said["volcano"] == ("absent", None)
 
 
 def test_a_name_of_which_no_word_is_known_is_asked_for_its_kind_once(lexicon_models_dir: Path, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.codec.proto_codec import from_proto, to_proto
-from fastsplat_contract.errors import CorruptImageError, FastSplatError, NotReadyError
+from fastsplat_contract.errors import FastSplatError, NotReadyError
 from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3, quaternion_of, vector3
 from fastsplat_contract.photos.localization import Localization, LocalizeRequest
 from tests.api.clients import assert_same
@@ -189,16 +189,3 @@ def test_a_scene_without_photos_says_so(service: SceneService, api_settings: Set
     scene_id = store_scene(service._store, scene, "bare")
     with pytest.raises(NotReadyError, match="no photos are kept"):
         client.localize(scene_id, [PLAIN_PNG])
-
-
-def test_one_photo_that_breaks_its_decoder_leaves_the_next_one_alone(
-    service: SceneService, room_id: str, picture: np.ndarray
-) -> None:
-    def ask(content: bytes) -> Localization:
-        return service.localizing.localize(LocalizeRequest(scene_id=room_id, photos=(content,)))
-
-    before = ask(image_file(picture))
-    for content in (b"\xff\xd8\xff" + b"\0" * 100, PLAIN_PNG[:-30]):
-        with pytest.raises(CorruptImageError):
-            ask(content)
-    assert_same(ask(image_file(picture)), before)

@@ -137,6 +137,7 @@ def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Setti
         (replace(_SPLIT, prompt=_prompt()), InvalidInputError, "prompt.pixels"),
         (replace(_SPLIT, prompt=_prompt(_BALL, view=None)), InvalidInputError, "prompt.view"),
         (replace(_SPLIT, prompt=_prompt(_BALL, view="none.png")), NotFoundError, "prompt.view"),
+        (replace(_SPLIT, prompt=_prompt(_BALL, camera=turned(0.0))), InvalidInputError, "prompt.view"),
         (replace(_SPLIT, prompt=_prompt((48.0, 3.0))), InvalidInputError, "prompt.pixels[0]"),
         (replace(_SPLIT, prompt=_prompt(_BALL, (5.0, -1.0))), InvalidInputError, "prompt.pixels[1]"),
         (replace(_SPLIT, prompt=_prompt(_BALL, background=(Pixel(5, 36),))), InvalidInputError, "prompt.background[0]"),
@@ -164,12 +165,6 @@ def test_bad_prompts_are_refused_and_leave_no_version(
         service.versions.edit(fresh_id, (_MERGE, edit))
     assert raised.value.field == f"edits[1].{field}" and type(raised.value) is error and raised.value.hint
     assert len(service.versions.all(fresh_id)) == 1
-
-
-def test_two_viewpoints_at_once_are_refused(service: SceneService, fresh_id: str) -> None:
-    with pytest.raises(InvalidInputError) as raised:
-        service.versions.edit(fresh_id, [replace(_SPLIT, prompt=_prompt(_BALL, camera=turned(0.0)))])
-    assert raised.value.field == "edits[0].prompt.view"
 
 
 def test_what_a_person_named_is_cut_only_by_who_has_seen_the_name(client: Client, fresh_id: str) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import ConflictError
@@ -20,7 +19,6 @@ from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.messages.scenes import Edit, SceneUpdate
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.made_scene import add_scene
 from tests.api.served import Faces
 from tests.at_once import at_once
 
@@ -107,15 +105,8 @@ def test_no_question_fails_while_versions_come_and_go(service: SceneService, cli
     assert sizes >= {240, 180}
 
 
-@pytest.fixture
-def scene(service: SceneService, api_settings: Settings) -> str:
-    """A scene of one test, which the server of all tests keeps."""
-    return add_scene(service, api_settings, "made")
-
-
-def test_of_two_at_once_that_expect_the_same_name_one_wins(service: SceneService, scene: str) -> None:
-    updates = (SceneUpdate(name, "made") for name in ("one", "two"))
-    outcomes = at_once(*(partial(service.update_scene, scene, update) for update in updates))
+def test_of_two_at_once_that_expect_the_same_name_one_wins(service: SceneService, fresh_id: str) -> None:
+    updates = (SceneUpdate(name, "to change") for name in ("one", "two"))
+    outcomes = at_once(*(partial(service.update_scene, fresh_id, update) for update in updates))
     (winner,) = (renamed for renamed in outcomes if not isinstance(renamed, ConflictError))
-    assert service.get_scene(scene).name == winner.name != "made"
-    service.delete_scene(scene)
+    assert service.get_scene(fresh_id).name == winner.name != "to change"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from concurrent.futures import Future
 
 import pytest
 
@@ -46,15 +47,21 @@ def test_callers_take_turns_however_much_one_has_queued() -> None:
     pool.close()
 
 
-def test_a_cancelled_call_is_not_run_and_holds_nothing(pool: FairPool) -> None:
-    begun, release, ran = threading.Barrier(3), threading.Event(), []
+def _hold(pool: FairPool) -> tuple[threading.Event, list[Future[bool]]]:
+    """Calls that have begun and take all that one caller gets, until they are released."""
+    begun, release = threading.Barrier(3), threading.Event()
 
     def hold() -> bool:
         begun.wait(60)
         return release.wait(60)
 
     held = [pool.submit("a", hold) for _ in range(2)]
-    begun.wait(60)  # what waits now is given up below
+    begun.wait(60)
+    return release, held
+
+
+def test_a_cancelled_call_is_not_run_and_holds_nothing(pool: FairPool) -> None:
+    (release, held), ran = _hold(pool), []
     given_up = [pool.submit("a", lambda: ran.append(1)) for _ in range(100)]
     for future in given_up:
         assert future.cancel()
@@ -68,14 +75,7 @@ def test_a_cancelled_call_is_not_run_and_holds_nothing(pool: FairPool) -> None:
 def test_an_error_is_the_calls_own_and_closing_cancels_what_waits(pool: FairPool) -> None:
     with pytest.raises(ZeroDivisionError):
         pool.submit("a", lambda: 1 / 0).result(30)
-    begun, release = threading.Barrier(3), threading.Event()
-
-    def hold() -> bool:
-        begun.wait(60)
-        return release.wait(60)
-
-    held = [pool.submit("a", hold) for _ in range(2)]
-    begun.wait(60)  # what has not begun is cancelled, too
+    release, held = _hold(pool)
     waiting = pool.submit("a", lambda: None)
     closing = threading.Thread(target=pool.close)
     closing.start()

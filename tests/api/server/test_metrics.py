@@ -11,9 +11,9 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import LimitSettings, Settings
-from fastsplat.service.store.rows.records import NewJob
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, SlowScenes, on_free_ports, served
+from tests.scenes import claimed_job, queued_job
 from tests.waiting import wait_for
 
 
@@ -66,23 +66,10 @@ def test_refusals_and_both_faces_are_counted(service: SceneService, api_settings
 
 def test_jobs_and_the_seconds_of_their_stages_are_told(api_settings: Settings, tmp_path: Path) -> None:
     settings = api_settings.model_copy(update={"data_dir": tmp_path})
-    with open_service(settings) as service:
-        _watch_jobs(service, settings)
-
-
-def _watch_jobs(service: SceneService, settings: Settings) -> None:
-    store = service._store
-
-    def job(number: int) -> str:
-        name = f"metrics{number}{time.time_ns()}"
-        store.scenes.create(NewJob(f"s{name}", f"o{name}", "", "", "", f"u{name}", {}))
-        return f"o{name}"
-
-    with served(service, settings) as faces:
-        before = _figures(faces)
-        first, _second = job(1), job(2)
-        claim = store.jobs.claim(first)
-        assert claim is not None
+    with open_service(settings) as service, served(service, settings) as faces:
+        store, before = service._store, _figures(faces)
+        store.scenes.create(queued_job())
+        claim = claimed_job(store)
         stage = {"stage": "TRAIN", "fraction": 1.0, "message": "", "seconds": 12.5, "metrics": {}}
         store.jobs.report(claim, [stage])
         store.jobs.fail(claim, {"kind": "INTERNAL", "reason": "X", "message": "", "stage": "TRAIN", "details": {}})

@@ -96,14 +96,6 @@ def test_a_connection_that_breaks_leaves_what_was_taken(faces: Faces, service: S
     assert stored.read_bytes() == data
 
 
-def test_the_first_bytes_may_come_with_the_announcement(faces: Faces) -> None:
-    response = faces.rest.post(
-        "/v1/uploads", content=b"01234", headers={**PIECE, "Upload-Length": "10", **_name("a.bin")}
-    )
-    assert response.status_code == 201 and response.headers["upload-offset"] == "5"
-    assert _patch(faces, response.headers["location"], 5, b"56789").headers["upload-offset"] == "10"
-
-
 def test_checksums_are_kept_to(faces: Faces) -> None:
     path = _create(faces, "a.bin", 10)
     for name in ("sha1", "sha256"):

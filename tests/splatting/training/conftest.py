@@ -29,11 +29,8 @@ from fastsplat_contract.geometry.poses import look_at
 LABELS = ("floor", "ball", "block")
 
 
-Content = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Of a world: means, scales, colors, labels 1 to 3."""
-
-
-def _world() -> Content:
+def _world() -> tuple[np.ndarray, ...]:
+    """Means, scales, colors, labels 1 to 3."""
     random = np.random.default_rng(5)
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 12), np.linspace(-1, 1, 12)), -1).reshape(-1, 2)
     floor = np.column_stack([grid, np.zeros(len(grid))])
@@ -50,26 +47,12 @@ def _world() -> Content:
     return means, scales, colors, labels
 
 
-def balls(count: int) -> Content:
-    """`count` balls of one size a square, in 60 colored patches each."""
-    random, side = np.random.default_rng(5), int(np.ceil(np.sqrt(count)))
-    centers = (np.stack(np.divmod(np.arange(count), side), -1) + 0.5) / side * 1.6 - 0.8
-    surface = random.normal(size=(count, 60, 3))
-    surface *= 0.5 / side / np.linalg.norm(surface, axis=-1, keepdims=True)
-    means = surface + np.pad(centers, ((0, 0), (0, 1)))[:, None]
-    colors = np.clip(random.uniform(size=(count, 1, 3)) + 0.35 * random.normal(size=(count, 60, 3)), 0, 1)
-    scales = 0.18 / side * random.uniform(0.6, 1.4, size=(60 * count, 3))
-    return means.reshape(-1, 3), scales, colors.reshape(-1, 3), np.repeat(np.arange(count) % 3 + 1, 60)
-
-
-def _make(
-    folder: Path, views: int, width: int = 64, height: int = 48, content: Content | None = None
-) -> tuple[Capture, Labelling]:
-    means, scales, colors, labels = (torch.from_numpy(value).float() for value in content or _world())
+def _make(folder: Path, views: int) -> tuple[Capture, Labelling]:
+    means, scales, colors, labels = (torch.from_numpy(value).float() for value in _world())
     one_hot = torch.nn.functional.one_hot(labels.long(), 4)[:, 1:].float()
     quats = torch.tensor([1.0, 0, 0, 0]).repeat(len(means), 1)
     splats = Splats(means, quats, scales, torch.full((len(means),), 0.95), torch.cat([colors, one_hot], 1))
-    camera = Camera(width, height, 1.1 * width, 1.1 * width, width / 2, height / 2)
+    camera = Camera(64, 48, 70.4, 70.4, 32, 24)
     capture_views, maps = [], []
     for index in range(views):
         angle = 2 * np.pi * index / views
@@ -96,12 +79,8 @@ MakeWorld = Callable[..., tuple[Capture, Labelling]]
 
 @pytest.fixture
 def make_world(tmp_path: Path) -> MakeWorld:
-    """`make_world(views, width, height, content)` renders a world's images afresh into a folder of the test."""
-
-    def make(views: int = 12, **size: Any) -> tuple[Capture, Labelling]:
-        return _make(tmp_path, views, **size)
-
-    return make
+    """`make_world(views)` renders the world's images afresh into a folder of the test."""
+    return lambda views=12: _make(tmp_path, views)
 
 
 @pytest.fixture(scope="session")
@@ -126,6 +105,20 @@ def quick() -> Callable[..., TrainingSettings]:
         return TrainingSettings(**(defaults | changes))
 
     return make
+
+
+def drawn_parameters(count: int, degree: int = 1) -> dict[str, Tensor]:
+    """Those of so many half-opaque Gaussians, by a fixed seed."""
+    random = torch.Generator().manual_seed(0)
+    return {
+        "means": torch.randn(count, 3, generator=random),
+        "quats": torch.randn(count, 4, generator=random),
+        "log_scales": torch.full((count, 3), -3.0),
+        "logit_opacities": torch.zeros(count),
+        "sh_dc": torch.zeros(count, 1, 3),
+        "sh_rest": torch.zeros(count, (degree + 1) ** 2 - 1, 3),
+        "codes": torch.randn(count, 2, generator=random),
+    }
 
 
 def same_run(a: TrainedSplats, b: TrainedSplats) -> bool:

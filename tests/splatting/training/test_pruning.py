@@ -20,25 +20,13 @@ from fastsplat.service.splatting.training.requirement import Requirement
 from fastsplat.service.splatting.training.train import train
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import load_views
-from tests.splatting.training.conftest import balls, same_run
-
-
-def _parameters(count: int, degree: int = 1) -> dict[str, Tensor]:
-    generator = torch.Generator().manual_seed(0)
-    return {
-        "means": torch.randn(count, 3, generator=generator),
-        "quats": torch.tensor([1.0, 0, 0, 0]).repeat(count, 1),
-        "log_scales": torch.full((count, 3), -3.0),
-        "logit_opacities": torch.zeros(count),
-        "sh_dc": torch.zeros(count, 1, 3),
-        "sh_rest": torch.zeros(count, (degree + 1) ** 2 - 1, 3),
-        "codes": torch.zeros(count, 2),
-    }
+from fastsplat_contract.errors import CancelledError
+from tests.splatting.training.conftest import drawn_parameters, same_run, stopping_at
 
 
 @given(st.floats(0.001, 3), st.floats(0, 5), st.integers(1, 300), st.integers(0, 3), st.integers(0, 10**6))
 def test_no_more_is_lost_than_allowed(allowed, harmonics_db, count, degree, seed) -> None:
-    scene = _parameters(count, degree)
+    scene = drawn_parameters(count, degree)
     weight = np.random.default_rng(seed).exponential(size=count)
 
     def quality(some: Mapping[str, Tensor]) -> float:
@@ -54,14 +42,14 @@ def test_no_more_is_lost_than_allowed(allowed, harmonics_db, count, degree, seed
 
 
 def test_all_that_is_worth_nothing_goes_to_a_64th() -> None:
-    rows = required_rows(_parameters(640), np.arange(640.0), lambda some: 20.0, 19.9)
+    rows = required_rows(drawn_parameters(640), np.arange(640.0), lambda some: 20.0, 19.9)
     assert rows.tolist() == list(range(630, 640))
 
 
 def test_what_no_view_shows_contributes_nothing(world) -> None:
     capture, labelling = world
     views = load_views(capture, labelling, (0, 4, 8), 640, (0.5, 1.0))
-    scene = _parameters(3)
+    scene = drawn_parameters(3)
     scene["means"] = torch.tensor([[0, 0, 0.2], [0, 0, 500.0], [0, 0, 0.2]])
     scene["logit_opacities"] = torch.tensor([3.0, 3, -20])
     cameras = [(view.viewmat, view.frames[0].camera) for view in views]
@@ -82,17 +70,8 @@ def test_pictures_of_one_color_take_next_to_nothing(make_world, shade: int, most
     assert len(trained.gaussians) <= most and trained.quality["iterations"] < 1_500 and trained.quality["enough"]
 
 
-def test_more_objects_take_more_gaussians(make_world) -> None:
-    settings = TrainingSettings(iterations=800, time_budget_s=None, evaluations=0, max_gaussians=4_000)
-    counts = []
-    for objects in (1, 16):
-        world = make_world(16, width=96, height=72, content=balls(objects))
-        counts.append(len(train(*world, settings, silent).gaussians))
-    assert counts[0] < counts[1] / 2
-
-
 def test_a_run_that_was_taken_back_to_more_is_pruned_again(world, quick) -> None:
-    views, parameters = load_views(*world, (0, 4, 8), 640, (1.0,)), _parameters(60, degree=0)
+    views, parameters = load_views(*world, (0, 4, 8), 640, (1.0,)), drawn_parameters(60, degree=0)
     state = new_state(parameters)
     state.iteration = 251
     requirement = Requirement(quick(tolerance_db=6.0), views, (), state)
@@ -110,10 +89,6 @@ def test_a_run_that_needs_no_more_ends_alike_after_a_checkpoint(world, quick, tm
     assert whole.quality["iterations"] < 3_900 and whole.quality["next_doubling_db"] < 3
     assert len(whole.gaussians) < 500
 
-    def stop(event) -> None:
-        if event.metrics.get("iteration", 0) >= 1_100:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        train(*world, settings, stop, tmp_path)
+    with pytest.raises(CancelledError):
+        train(*world, settings, stopping_at(1_100), tmp_path)
     assert same_run(train(*world, settings, silent, tmp_path), whole)

@@ -54,10 +54,3 @@ def test_masked_pixels_and_scenes_without_labels_train(make_world, quick, backen
     capture, labelling = make_world()
     found = train(capture, type(labelling)(labelling.dictionary, ()), quick(iterations=3, backend=backend), silent)
     assert found.gaussians.codes.shape[1] == 0
-
-
-def test_a_run_for_evidence_gathers_it(world, quick, backend: str) -> None:
-    settings = quick(iterations=3, max_gaussians=120, label_mode="evidence", backend=backend)
-    found = train(*world, settings, silent)
-    assert found.evidence is not None and len(found.evidence.starts) == len(found.gaussians) + 1
-    assert found.evidence.counts.sum() > 0

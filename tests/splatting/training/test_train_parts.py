@@ -40,6 +40,7 @@ from fastsplat.service.splatting.training.schedule import (
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import load_views, split_views, training_size
 from fastsplat_contract.geometry.camera import Camera
+from tests.splatting.training.conftest import drawn_parameters
 
 
 @given(st.integers(0, 200), st.integers(0, 50))
@@ -78,22 +79,10 @@ def test_growth_is_monotonic_and_bounded() -> None:
 
 
 def _state(count: int, dead: int):
-    random = torch.Generator().manual_seed(0)
     logits = torch.full((count,), 1.0)
     logits[:dead] = -9.0
-    return new_state(
-        {
-            "means": torch.randn(count, 3, generator=random),
-            "quats": torch.randn(count, 4, generator=random),
-            "log_scales": torch.full((count, 3), -3.0),
-            "logit_opacities": logits,
-            "sh_dc": torch.randn(count, 1, 3, generator=random),
-            "sh_rest": torch.zeros(count, 3, 3),
-            "codes": torch.randn(count, 2, generator=random),
-            "weight": torch.ones(3, 2),
-            "bias": torch.ones(3),
-        }
-    )
+    head = {"weight": torch.ones(3, 2), "bias": torch.ones(3)}
+    return new_state(drawn_parameters(count) | {"logit_opacities": logits} | head)
 
 
 def test_relocation_moves_the_dead_onto_the_needed_and_grows_to_the_target() -> None:
