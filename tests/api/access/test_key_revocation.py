@@ -28,7 +28,6 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.repositories.key_repository import KeyRecord
 from fastsplat.service.store.rows.records import NewJob
-from fastsplat_client import Client
 from fastsplat_client.transport import events_of
 from fastsplat_contract.errors import DatabaseError, UnauthenticatedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
@@ -97,13 +96,6 @@ def _watch(place: _Place, metadata: Any) -> Any:
         pb.WatchOperationRequest(operation_id=place.operation_id), metadata=metadata, timeout=30
     )
     assert next(call).state == pb.OPERATION_STATE_QUEUED
-    return call
-
-
-def _wait(place: _Place, metadata: Any) -> Any:
-    request = pb.WaitOperationRequest(operation_id=place.operation_id, timeout_s=200)
-    call = place.faces.rpc.WaitOperation.future(request, metadata=metadata, timeout=30)
-    time.sleep(0.3)
     return call
 
 
@@ -181,19 +173,6 @@ def _events(place: _Place, key: str) -> _Ended:
     return ended
 
 
-def _client_watch(place: _Place, key: str) -> _Ended:
-    client = Client(str(place.faces.rest.base_url), key=key)
-    states = client.watch(place.operation_id)
-    assert next(states).state == "QUEUED"
-
-    def ended() -> str:
-        with closing(client), pytest.raises(UnauthenticatedError) as caught:
-            list(states)
-        return caught.value.reason
-
-    return ended
-
-
 _BODY = "Content-Type: multipart/form-data; boundary=x\r\nContent-Length: 2000\r\n\r\n"
 _PART = '--x\r\nContent-Disposition: form-data; name="images"; filename="a.jpg"\r\n\r\nabc'
 
@@ -209,11 +188,9 @@ def _piece(place: _Place) -> str:
 _CALLS: dict[str, Callable[[_Place, str], _Ended]] = {
     "gRPC StreamQuery": _rpc(_stream_query),
     "gRPC WatchOperation": _rpc(_watch),
-    "gRPC WaitOperation": _rpc(_wait, read=lambda call: call.result()),
     "gRPC DownloadPhoto": _rpc(_download),
     "gRPC CreateScene": _rpc(_upload, read=lambda call: call.result()),
     "REST events": _events,
-    "the client's watch": _client_watch,
     "REST wait": _rest(
         lambda place: f"GET /v1/operations/{place.operation_id}:wait?timeout_s=200 HTTP/1.1\n\r\n", begins=False
     ),
@@ -227,7 +204,7 @@ def _uploads(place: _Place) -> int:
     return len(list(Path(place.service._store.blobs.root / "uploads").glob("*/raw/*")))
 
 
-_EXPIRING = ("gRPC StreamQuery", "gRPC CreateScene", "REST events", "REST PATCH upload")
+_EXPIRING = ("gRPC CreateScene", "REST events")
 
 
 def _begun(place: _Place, begin: Callable[[_Place, str], _Ended], lifetime_s: float) -> tuple[str, _Ended] | None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 
 from fastsplat.service.application.service import open_service
@@ -33,15 +31,10 @@ from tests.api.clients import assert_same
 from tests.api.guarded import Guarded
 from tests.api.line import Line
 from tests.api.made_scene import ENCODER, add_scene, turned, write_words
-from tests.api.served import Faces
+from tests.api.served import Faces, on_free_ports
+from tests.api.server_process import server_process
 from tests.waiting import wait_for
 
-_SERVE = """
-import sys
-from fastsplat.api.server import run
-from fastsplat.service.settings import Settings
-run(Settings.model_validate_json(sys.argv[1]))
-"""
 _ANGLES = (0.0, 0.1, -0.2, 0.3, -0.1, 0.2)
 _QUICK = Reconnect(tries=2000, first_s=0.05, most_s=0.2)  # however slowly the server starts
 
@@ -57,64 +50,17 @@ class _Pauses(Reconnect):
         return super().pause(attempt)
 
 
-class _Server:
-    """A process that can be killed and started again, on the same ports."""
-
-    def __init__(self, settings: Settings, scene_id: str, expected: dict[float, tuple[Answer, ...]]) -> None:
-        self.settings = settings
-        self.scene_id = scene_id
-        self.expected = expected
-        self._log = settings.data_dir.with_suffix(".log").open("ab")
-        self._process: subprocess.Popen[bytes] | None = None
-
-    @property
-    def runs(self) -> bool:
-        return self._process is not None and self._process.poll() is None
-
-    def start(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", _SERVE, self.settings.model_dump_json()],
-            cwd=Path(__file__).parents[3],
-            stderr=self._log,
-        )
-
-    def wait(self) -> None:
-        def ready() -> bool:
-            assert self.runs, Path(self._log.name).read_text()
-            try:
-                return httpx.get(f"http://127.0.0.1:{self.settings.http_port}/readyz", timeout=5).status_code == 200
-            except httpx.HTTPError:
-                return False
-
-        wait_for(ready)
-
-    def kill(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-
-    def client(self) -> Client:
-        address = f"http://127.0.0.1:{self.settings.http_port}"
-        return Client(address, grpc_target=f"127.0.0.1:{self.settings.grpc_port}")
-
-
 def _question(scene_id: str, *texts: str) -> Subscription:
     return Subscription(QueryRequest(scene_id, texts, outputs=frozenset({"mask2d"}), mask2d_encoding="png"))
 
 
-@pytest.fixture(scope="module")
-def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, str, dict[float, tuple[Answer, ...]]]:
-    """Settings, a scene, and what is to be answered from each angle."""
-    folder = tmp_path_factory.mktemp("reconnection")
+def _stored(folder: Path) -> tuple[Settings, str, dict[float, tuple[Answer, ...]]]:
+    """Settings of a server that starts again on the same ports, a scene, and what is to be answered from each angle."""
     write_words(folder / "models")
-    http, grpc, metrics = free_ports(3)
-    settings = Settings(
+    settings = on_free_ports(
+        **dict(zip(("http_port", "grpc_port", "metrics_port"), free_ports(3), strict=True)),
         data_dir=folder / "data",
         models=folder / "models",
-        http_port=http,
-        grpc_port=grpc,
-        metrics_port=metrics,
-        auth="off",
         perception=PerceptionSettings(text_encoder=ENCODER),
         query=QuerySettings(backend="cpu", threshold=0.5, exact_threshold=0.95),
     )
@@ -122,24 +68,9 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, str, dic
         scene_id = add_scene(service, settings)
         expected = {}
         for angle in _ANGLES:
-            request = QueryRequest(
-                scene_id,
-                ("mug", "moon"),
-                outputs=frozenset({"mask2d"}),
-                mask2d_encoding="png",
-                cameras=(turned(angle),),
-            )
+            request = replace(_question(scene_id, "mug", "moon").request, cameras=(turned(angle),))
             expected[angle] = service.answers.query(request).answers
     return settings, scene_id, expected
-
-
-@pytest.fixture
-def server(stored: tuple[Settings, str, dict[float, tuple[Answer, ...]]]) -> Iterator[_Server]:
-    running = _Server(*stored)
-    running.start()
-    running.wait()
-    yield running
-    running.kill()
 
 
 @pytest.fixture
@@ -179,19 +110,24 @@ def _answers(client: Client, question: Subscription, walk: _Walk, reconnect: Rec
     return found
 
 
-def test_each_pose_is_answered_once_though_the_server_is_killed_between(server: _Server) -> None:
-    def again() -> None:
-        server.kill()
-        server.start()
+def test_each_pose_is_answered_once_though_the_server_is_killed_between(tmp_path: Path) -> None:
+    settings, scene_id, expected = _stored(tmp_path)
+    with ExitStack() as stack:
+        server = stack.enter_context(server_process(settings))
 
-    walk = _Walk(list(_ANGLES), {3: again})
-    with server.client() as client:
-        found = _answers(client, _question(server.scene_id, "mug", "moon"), walk, _QUICK)
+        def again() -> None:
+            server.process.kill()
+            server.process.wait()
+            stack.enter_context(server_process(settings))
+
+        walk = _Walk(list(_ANGLES), {3: again})
+        with Client(server.url, grpc_target=server.grpc_target) as client:
+            found = _answers(client, _question(scene_id, "mug", "moon"), walk, _QUICK)
     assert [answer.sequence for answer in found] == [1, 2, 3, 4, 5, 6]
     assert [answer.dropped for answer in found] == [0] * 6 and {answer.question for answer in found} == {1}
     assert [answer.reconnected > 0 for answer in found] == [False, False, True, False, False, False]
     for answer, angle in zip(found, _ANGLES, strict=True):
-        assert_same(answer.answers, server.expected[angle])
+        assert_same(answer.answers, expected[angle])
 
 
 def test_poses_that_went_with_the_connection_are_counted_and_none_is_answered_twice(
