@@ -16,7 +16,8 @@ from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
-from fastsplat.service.scene.artefact.scene import SH_C0, Scene
+from fastsplat.service.scene.artefact.scene import SH_C0, Object, ObjectGroup, Objects, Parts, Scene
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.repositories.name_repository import NewName, VersionNames, record_names
 from fastsplat.service.store.rows.database import transaction
@@ -93,6 +94,21 @@ def made_scene(encoder: TextEncoder) -> Scene:
         ],
         observations=(_OBSERVATION,),
         quality={"psnr": 31.5, "images": 3, "registered": 3, "stage_seconds": {"training": 12.5}},
+    )
+
+
+def parted_scene(encoder: TextEncoder) -> Scene:
+    """The made scene with stored objects 1 to 3, of which the left half of the mug is part 4; 1 and 2 are group 7."""
+    scene = made_scene(encoder)
+    rows = np.arange(len(scene.gaussians))
+    owner = np.repeat([1, 2, 3, 0], _PER_BLOB)
+    left = np.flatnonzero((owner == 1) & (scene.gaussians.means[:, 0] < -0.8))
+    half = evidence_of(left, np.full(len(left), 4), np.full(len(left), UNIT), len(rows))
+    table = tuple(Object(number, name, "detected", 0.9) for number, name in enumerate(LABELS, 1))
+    membership = evidence_of(rows, owner, np.full(len(rows), 16 * UNIT), len(rows))
+    parts = Parts((Object(4, parent=1, consensus=0.5),), half)
+    return dataclasses.replace(
+        scene, objects=Objects(table, membership, 0, parts, groups=(ObjectGroup(7, (1, 2), 0.5),))
     )
 
 

@@ -133,7 +133,6 @@ def _close(service: SceneService) -> None:
         {"outputs": frozenset({"objects"})},
         {"outputs": frozenset({"mask3d", "objects"})},
         {"outputs": frozenset({"mask3d"}), "mask3d_encoding": "runs"},
-        {"outputs": frozenset({"mask3d"}), "mask3d_encoding": "indices"},
     ],
 )
 def test_all_scenes_answer_as_each_alone(service: SceneService, stored: dict[str, str], more: dict[str, Any]) -> None:
@@ -228,24 +227,3 @@ def test_with_room_for_one_scene_all_are_answered(
     with open_service(settings.model_copy(update={"calls": calls})) as small:
         assert small.answers.query(request).answers == expected == small.answers.query(request).answers
         assert len(small._context.scenes._ranked) == 1
-
-
-def test_a_second_scene_with_the_same_labels_asks_the_encoder_for_nothing(
-    settings: Settings, lexicon_models_dir: Path, scenes: dict[str, Scene], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with open_service(settings.model_copy(update={"models": lexicon_models_dir})) as service:
-        encoder, texts = service._context.scenes._encoder(ENCODER), list[str]()
-        encode = encoder.encode
-
-        def counting(names: Any) -> Any:
-            texts.extend(names)
-            return encode(names)
-
-        monkeypatch.setattr(encoder, "encode", counting)
-        request = QueryRequest(store_scene(service._store, scenes["codes"]), PLAIN)
-        answers = service.answers.query(request).answers
-        assert any(text.startswith("mug: ") for text in texts) and {answer.method for answer in answers} >= {"lexicon"}
-        texts.clear()
-        second = store_scene(service._store, scenes["codes"])
-        again = service.answers.query(replace(request, scene_id=second)).answers
-        assert texts == [] and [replace(answer, scene_id=request.scene_id) for answer in again] == list(answers)

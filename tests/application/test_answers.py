@@ -16,7 +16,6 @@ from fastsplat.service.scene.formats.ply import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import (
     InvalidInputError,
-    ModelUnavailableError,
     NotFoundError,
     NotReadyError,
     SceneFileError,
@@ -87,17 +86,6 @@ def test_all_ready_scenes_are_asked_newest_first(service, ready, post, finish):
         service.answers.query(QueryRequest("", ("mug",), outputs=frozenset({"mask2d"})))
 
 
-def test_pictures_show_the_view(service, ready):
-    rgb = pixels(service.answers.picture(PictureRequest(ready.id, "rgb", view="front.jpg")))
-    mask = pixels(service.answers.picture(PictureRequest(ready.id, "mask", "mug", view="front.jpg")))
-    overlay = pixels(service.answers.picture(PictureRequest(ready.id, "overlay", "mug", view="front.jpg")))
-    relevancy = pixels(service.answers.picture(PictureRequest(ready.id, "relevancy", "mug", view="front.jpg")))
-    assert rgb.shape == overlay.shape == relevancy.shape == (30, 40, 3)
-    assert set(np.unique(mask)) == {0, 255} and mask.shape == (30, 40)
-    assert np.array_equal(rgb[mask == 0], overlay[mask == 0]) and (rgb != overlay).any()
-    assert not pixels(service.answers.picture(PictureRequest(ready.id, "rgb", camera=BEHIND))).any()
-
-
 def test_plys_hold_the_scene_and_the_answer(service, ready, tmp_path):
     whole = read_ply(service.answers.scene_ply(ready.id)[0])
     parts = []
@@ -145,14 +133,6 @@ def test_only_so_many_bytes_of_scenes_stay_open(post, finish, settings):
         assert len(bounded.answers.query(QueryRequest("", ("mug",))).answers) == 3
         assert bounded._context.scenes.count() == 2
         assert 0 < bounded._context.scenes._open.bytes <= 2.5 * weight
-
-
-def test_a_missing_encoder_is_named(service, ready, settings, tmp_path):
-    with (
-        open_service(settings.model_copy(update={"models": tmp_path / "empty"})) as bare,
-        pytest.raises(ModelUnavailableError),
-    ):
-        bare.answers.query(QueryRequest(ready.id, ("mug",)))
 
 
 def test_a_version_without_its_artefact_folder_is_damaged_and_not_deleted(service, settings, post, finish) -> None:

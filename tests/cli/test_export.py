@@ -11,7 +11,6 @@ from typer.testing import Result
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import StoreOptions, load_settings
-from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.messages.exports import ExportRequest
 from tests.api.made_scene import add_scene
@@ -22,7 +21,7 @@ Run = Callable[..., Result]
 
 
 def test_a_scene_is_written_as_its_ending_says(fastsplat: Run, service: SceneService, tmp_path: Path) -> None:
-    scene_id = add_scene(service, load_settings())
+    scene_id, upright_id = add_scene(service, load_settings()), add_upright_scene(service, load_settings())
     for name, more, request in (
         ("a.spz", [], ExportRequest(scene_id, "spz")),
         ("a.sog", ["--object", "2"], ExportRequest(scene_id, "sog", object_ids=(2,))),
@@ -32,23 +31,13 @@ def test_a_scene_is_written_as_its_ending_says(fastsplat: Run, service: SceneSer
         ("d.points.ply", ["--cell", "0.2"], ExportRequest(scene_id, "points", cell=0.2)),
         ("D.glb", [], ExportRequest(scene_id, "mesh")),
         ("e.mcap", ["--object", "2"], ExportRequest(scene_id, "mcap", object_ids=(2,))),
+        ("floor.map.zip", ["--cell", "0.1"], ExportRequest(upright_id, "map", cell=0.1)),
     ):
-        result = fastsplat("scenes", "export", scene_id, str(tmp_path / name), *more)
+        result = fastsplat("scenes", "export", request.scene_id, str(tmp_path / name), *more)
         assert result.exit_code == 0, result.output
         assert (tmp_path / name).read_bytes() == service.exports.file(request)
     result = fastsplat("scenes", "export", scene_id, str(tmp_path / "a.obj"))
     assert isinstance(result.exception, InvalidInputError) and not (tmp_path / "a.obj").exists()
-
-
-def test_a_map_is_written_and_a_goal_printed(fastsplat: Run, service: SceneService, tmp_path: Path) -> None:
-    scene_id = add_upright_scene(service, load_settings())
-    result = fastsplat("scenes", "export", scene_id, str(tmp_path / "floor.map.zip"), "--cell", "0.1")
-    assert result.exit_code == 0, result.output
-    truth = service.exports.file(ExportRequest(scene_id, "map", cell=0.1))
-    assert (tmp_path / "floor.map.zip").read_bytes() == truth
-    result = fastsplat("objects", "goal", scene_id, "1", "--radius", "0.15", "--json")
-    assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout) == to_plain(service.exports.goal(scene_id, 1, 0.15))
 
 
 def test_detections_are_printed_whole(service: SceneService, monkeypatch: pytest.MonkeyPatch) -> None:

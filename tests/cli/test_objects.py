@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 from typer.testing import Result
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text.text_encoders import open_text_encoder
-from fastsplat.service.scene.artefact.scene import Object, ObjectGroup, Objects, Parts
-from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
-from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene
+from tests.api.made_scene import ENCODER, add_known_name, add_scene, parted_scene
 from tests.scenes import store_scene
 
 _PICK = ("--view", "front.png", "--pixel", "15.5", "18.5")
@@ -75,22 +71,14 @@ def test_parts_are_listed_under_their_objects(
     objects: Callable[..., Result], service: SceneService, scene_id: str
 ) -> None:
     assert objects("list", scene_id, "--parts").stdout == objects("list", scene_id).stdout
-    scene = made_scene(open_text_encoder(ENCODER, load_settings().models))
-    rows = np.arange(len(scene.gaussians))
-    owner = np.where(rows < len(rows) - 20, 1, 3)
-    every = evidence_of(rows, owner, np.full(len(rows), UNIT), len(rows))
-    some = evidence_of(rows[:20], np.full(20, 2), np.full(20, UNIT), len(rows))
-    parts = Parts((Object(2, parent=1),), some)
-    groups = (ObjectGroup(4, (1, 3), 0.9),)
-    scene_objects = Objects((Object(1), Object(3)), every, 0, parts, groups=groups)
-    parted = store_scene(service._store, replace(scene, objects=scene_objects))
+    parted = store_scene(service._store, parted_scene(open_text_encoder(ENCODER, load_settings().models)))
     lines = objects("list", parted, "--parts").stdout.splitlines()
-    assert any(line.startswith("1 ") for line in lines) and any(line.startswith("  2 ") for line in lines)
+    assert any(line.startswith("1 ") for line in lines) and any(line.startswith("  4 ") for line in lines)
     rows_of_parts = _listed(objects, parted, "--parts")
-    assert [(row["id"], row["parent"]) for row in rows_of_parts] == [(1, 0), (2, 1), (3, 0)]
-    assert len(_listed(objects, parted)) == 2
+    assert [(row["id"], row["parent"]) for row in rows_of_parts] == [(1, 0), (4, 1), (2, 0), (3, 0)]
+    assert len(_listed(objects, parted)) == 3
     said = objects("pick", parted, *_PICK).stdout
-    assert "in group 4: objects 1, 3" in said and "the mask is of the object" in said
+    assert "in group 7: objects 1, 2" in said and "the mask is of the object" in said
     whole, both = (
         json.loads(objects("pick", parted, *_PICK, *level, "--json").stdout) for level in ((), ("--level", "group"))
     )
@@ -108,12 +96,6 @@ def test_what_people_named_is_shown_and_forgotten(
     add_known_name(service, scene_id)
     assert name_id in objects("known").stdout
     assert name_id not in objects("known", "--forget", "all").stdout
-
-
-def test_what_is_not_there_says_so(objects: Callable[..., Result], scene_id: str) -> None:
-    assert isinstance(objects("list", "0" * 32).exception, NotFoundError)
-    assert isinstance(objects("discard", scene_id, "9").exception, NotFoundError)
-    assert isinstance(objects("list", scene_id, "--project", "elsewhere").exception, NotFoundError)
 
 
 def test_an_object_is_split_and_a_missing_one_is_added(objects: Callable[..., Result], scene_id: str) -> None:

@@ -11,8 +11,6 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text.text_encoders import open_text_encoder
-from fastsplat.service.scene.artefact.scene import Object, ObjectGroup, Objects, Parts
-from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ConflictError, FastSplatError, NotFoundError
@@ -21,7 +19,7 @@ from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.messages.objects import PickRequest, Pixel, PixelBox
 from fastsplat_contract.messages.scenes import Edit, InsertSource
 from tests.api.clients import assert_same
-from tests.api.made_scene import ENCODER, made_scene, turned
+from tests.api.made_scene import ENCODER, made_scene, parted_scene, turned
 from tests.api.served import Faces, rest_refusal
 from tests.at_once import at_once
 from tests.scenes import finish_job, queued_job, store_scene
@@ -138,19 +136,7 @@ def test_objects_of_another_project_are_not_inserted(
 
 @pytest.fixture
 def with_part(service: SceneService, api_settings: Settings) -> Iterator[str]:
-    """The made scene with its objects stored, where the left half of the mug, object 1, is part 4."""
-    scene = made_scene(open_text_encoder(ENCODER, api_settings.models))
-    rows = np.arange(len(scene.gaussians))
-    owner = np.repeat([1, 2, 3, 0], len(rows) // 4)
-    left = np.flatnonzero((owner == 1) & (scene.gaussians.means[:, 0] < -0.8))
-    parts = Parts(
-        (Object(4, parent=1, consensus=0.5),),
-        evidence_of(left, np.full(len(left), 4), np.full(len(left), UNIT), len(rows)),
-    )
-    table = tuple(Object(number, name, "detected", 0.9) for number, name in enumerate(("mug", "ball", "story book"), 1))
-    membership = evidence_of(rows, owner, np.full(len(rows), 16 * UNIT), len(rows))
-    objects = Objects(table, membership, 0, parts, groups=(ObjectGroup(7, (1, 2), 0.5),))
-    scene_id = store_scene(service._store, replace(scene, objects=objects), "parts")
+    scene_id = store_scene(service._store, parted_scene(open_text_encoder(ENCODER, api_settings.models)), "parts")
     yield scene_id
     service.delete_scene(scene_id)
 
