@@ -218,11 +218,3 @@ def test_what_hangs_on_a_wall_is_carried_by_it_and_a_wall_by_nothing() -> None:
     index = index_of(replace(scene, objects=replace(scene.objects, table=table)))
     carried = {obj.label: obj.support and (obj.support.label, obj.support.relation) for obj in _listed(index)[0]}
     assert carried == {"table": None, "book": ("table", "on"), "wall": None, "picture": ("wall", "on")}
-
-
-def test_what_has_sunk_into_an_unsharp_table_top_is_on_it() -> None:
-    top = BoxShell("table", (0.0, 0.0, 0.0), (1.0, 0.8, 0.08), count=6_000)
-    knife = BoxShell("knife", (0.1, 0.1, 0.01), (0.2, 0.03, 0.03), count=1_500)
-    scene = _scene((top, knife))
-    support = _of(index_of(scene), "knife").support
-    assert support is None or (support.label, support.relation) == ("table", "on")

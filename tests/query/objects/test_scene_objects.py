@@ -313,16 +313,6 @@ def test_a_thousand_objects_are_named_at_once() -> None:
     assert answer.object_ids == tuple(range(1, count)) and named.mask3d(answer).sum() == 4 * (count - 1)
 
 
-def test_a_mask_alone_is_the_mask_of_a_whole_picture(labeled: Scene, discovered: Scene) -> None:
-    for index in (opened(labeled), edited(opened(discovered), name((4, 7, 9), "mug"))):
-        (answer,) = index.ask(["mug"])
-        mask = index.mask(answer, FRONT)
-        assert mask.any() and mask.dtype == np.bool_
-        np.testing.assert_array_equal(mask, index.mask2d(answer, FRONT).mask)
-        (absent,) = index.ask(["bulldozer"])
-        assert not index.mask(absent, FRONT).any()
-
-
 def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(discovered: Scene) -> None:
     index = opened(discovered)
     index.objects.map(FRONT)
