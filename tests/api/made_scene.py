@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -23,15 +21,8 @@ from fastsplat.service.store.repositories.name_repository import NewName, Versio
 from fastsplat.service.store.rows.database import transaction
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.photos.observations import Observation
+from tests.capture.upload_files import encoded
 from tests.scenes import add_photos, labelled_scene, stand_in_models, store_scene
-
-
-def image_file(pixels: np.ndarray, kind: str = "PNG", **options: Any) -> bytes:
-    """The file of uint8 pixels [H, W, 3]."""
-    content = io.BytesIO()
-    Image.fromarray(pixels).save(content, kind, **options)
-    return content.getvalue()
-
 
 ENCODER = "label_table:words"
 LABELS = ("mug", "ball", "story book")
@@ -44,7 +35,7 @@ PHRASES = tuple(
 )
 """Questions that say more than a name, as they are embedded, and what they are made of."""
 PHOTO_COLORS = ((200, 10, 10), (10, 200, 10), (10, 10, 200))  # of its three cameras' photos, each of one color
-PLAIN_PNG = image_file(np.full((24, 32, 3), (120, 130, 140), np.uint8))  # an image file in which nothing is to be seen
+PLAIN_PNG = encoded(np.full((24, 32, 3), (120, 130, 140), np.uint8))  # an image file in which nothing is to be seen
 _PER_BLOB = 60
 OBSERVED = "e0123456789abcdef"  # the observation of the made scene: all three objects were looked at, none has changed
 _OBSERVATION = Observation(

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import time
 import uuid
-from io import BytesIO
 
 import numpy as np
-from PIL import Image
 from sqlalchemy import update
 
 from fastsplat.service.application.service import SceneService
@@ -18,6 +16,7 @@ from fastsplat.service.store.queue.claims import Claim
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.rows.schema import operations
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from tests.capture.upload_files import encoded
 from tests.scenes import claimed_job
 
 
@@ -73,9 +72,7 @@ def picture(number: int) -> bytes:
     """The picture of that number, as JPEG."""
     pixels = np.zeros((24, 32, 3), np.uint8)
     pixels[..., 2] = 20 * number
-    file = BytesIO()
-    Image.fromarray(pixels).save(file, "jpeg")
-    return file.getvalue()
+    return encoded(pixels, "JPEG")
 
 
 def _placed() -> PlacedViews:

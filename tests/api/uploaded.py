@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import base64
-import io
 import struct
-import zipfile
 import zlib
 from collections.abc import Iterator
 
 import httpx
 import numpy as np
-from PIL import Image
 
+from fastsplat.service.scene.formats.zips import zipped as zip_of
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces
+from tests.capture.upload_files import encoded
 
 Files = list[tuple[str, bytes]]
 TUS = {"Tus-Resumable": "1.0.0"}
@@ -29,9 +28,7 @@ def announced(name: str, length: int) -> dict[str, str]:
 
 def photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:
     pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG")
-    return buffer.getvalue()
+    return encoded(pixels, "JPEG")
 
 
 def photos(count: int) -> Files:
@@ -39,11 +36,7 @@ def photos(count: int) -> Files:
 
 
 def zipped(count: int, size: tuple[int, int] = (64, 48)) -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for number in range(count):
-            archive.writestr(f"{number}.jpg", photo(number, size))
-    return buffer.getvalue()
+    return zip_of({f"{number}.jpg": photo(number, size) for number in range(count)}, compressed=False)
 
 
 def messages(files: Files, **header: object) -> Iterator[pb.CreateSceneRequest]:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
@@ -26,6 +23,7 @@ from fastsplat_contract.errors import (
     WorkerCrashedError,
 )
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
+from tests.capture.upload_files import photo_file
 from tests.scenes import stand_in_models
 
 _NAMES = tuple(f"IMG_{number}.png" for number in range(4))
@@ -43,10 +41,7 @@ def service(tmp_path: Path) -> Iterator[SceneService]:
 def posted(service: SceneService) -> Operation:
     with service.new_upload() as upload:
         for number, name in enumerate(_NAMES):
-            pixels = np.random.default_rng(number).integers(0, 255, (24, 32, 3), np.uint8)
-            file = io.BytesIO()
-            Image.fromarray(pixels).save(file, "png")
-            upload.write(f"holiday/{name}", [file.getvalue()])
+            upload.write(f"holiday/{name}", [photo_file(number, (32, 24), "PNG")])
         return service.create_scene(upload, "", "", SceneOptions())
 
 

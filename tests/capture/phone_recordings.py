@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import json
-import zipfile
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,14 +64,6 @@ def record3d_files(frames: list[Frame], **changes: Any) -> dict[str, bytes]:
         files[f"rgbd/{index}.depth"] = lzfse.compress(frame.depth.astype("<f4").tobytes())
         files[f"rgbd/{index}.conf"] = lzfse.compress(frame.confidence.astype(np.uint8).tobytes())
     return files
-
-
-def zipped(files: dict[str, bytes]) -> bytes:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        for name, content in files.items():
-            archive.writestr(name, content)
-    return stream.getvalue()
 
 
 def scanner_app(frames: list[Frame]) -> dict[str, bytes]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 
 import numpy as np
@@ -11,6 +10,7 @@ from PIL import Image
 
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from tests.capture.upload_files import encoded
 from tests.query.wall import wall_index
 
 START = 1_700_000_000_250_000_000  # nanoseconds since 1970 at which the recording begins
@@ -28,9 +28,7 @@ def seen_wall(rotation: Callable[[float], NDArray[np.float64]]) -> SceneIndex:
 
 
 def _photo(color: tuple[int, int, int]) -> bytes:
-    file = io.BytesIO()
-    Image.new("RGB", (32, 24), color).save(file, "JPEG")
-    return file.getvalue()
+    return encoded(Image.new("RGB", (32, 24), color), "JPEG")
 
 
 PHOTOS = {0: _photo((200, 10, 10)), 2: _photo((10, 10, 200))}  # JPEG files by the number of their camera

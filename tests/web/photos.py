@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+
+from tests.capture.upload_files import encoded
 
 
 def photo(side: int, seed: int) -> bytes:
     """A JPEG of noise."""
     pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3), dtype=np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG", quality=95)
-    return buffer.getvalue()
+    return encoded(pixels, "JPEG", quality=95)
 
 
 def write_photos(folder: Path, count: int, seed: int = 0) -> list[Path]:

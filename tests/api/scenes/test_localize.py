@@ -29,10 +29,11 @@ from fastsplat_contract.errors import FastSplatError, NotReadyError
 from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3, quaternion_of, vector3
 from fastsplat_contract.photos.localization import Localization, LocalizeRequest
 from tests.api.clients import assert_same
-from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG, image_file
+from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
 from tests.api.scenes.test_observations import add_room
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.api.uploaded import huge_png
+from tests.capture.upload_files import encoded
 from tests.commands import invoke
 from tests.localization.textured_room import looking, renderer, textured_room, through_lens
 from tests.scenes import store_scene
@@ -56,7 +57,7 @@ def room_id(service: SceneService, api_settings: Settings) -> str:
 def test_every_face_says_the_same_place(
     faces: Faces, service: SceneService, client: Client, room_id: str, picture: np.ndarray, tmp_path: Path
 ) -> None:
-    photos = (image_file(picture), PLAIN_PNG)
+    photos = (encoded(picture), PLAIN_PNG)
     request = LocalizeRequest(scene_id=room_id, photos=photos, focals=(420.0, 30.0))
     truth = service.localizing.localize(request)
     assert_same(from_proto(Localization, faces.rpc.Localize(to_proto(request))), truth)
@@ -88,14 +89,14 @@ def test_the_lens_of_a_scenes_photos_is_kept_with_them(
     views = []
     for number, posed in enumerate(scene.cameras):
         path = tmp_path / f"{number}.png"
-        path.write_bytes(image_file(drawn.colors(posed)))
+        path.write_bytes(encoded(drawn.colors(posed)))
         views.append(View(posed, path, lens=lens))
     points = np.zeros((0, 3), np.float32)
     report = CaptureReport("images", len(views))
     capture = Capture(tuple(views), points, points.astype(np.uint8), scene.scale, report)
     folder = service._store.blobs.version(scene_id, service.versions.resolve(scene_id))
     write_photos(capture, folder, PhotoSettings())
-    sent = image_file(through_lens(drawn.colors(_POSED), lens.k1))
+    sent = encoded(through_lens(drawn.colors(_POSED), lens.k1))
     (found,) = service.localizing.localize(LocalizeRequest(scene_id=scene_id, photos=(sent,))).photos
     assert (found.focal_source, found.radial) == ("scene", lens.k1)
     assert found.camera is not None and found.differences == ()
@@ -105,8 +106,8 @@ def test_the_lens_of_a_scenes_photos_is_kept_with_them(
 def test_a_turned_photo_is_localized_upright(client: Client, room_id: str, picture: np.ndarray) -> None:
     exif = Image.Exif()
     exif[0x0112] = 6  # stored a quarter turn to the left
-    turned = image_file(np.rot90(picture).copy(), "JPEG", quality=95, exif=exif)
-    upright, stored = client.localize(room_id, [image_file(picture), turned]).photos
+    turned = encoded(np.rot90(picture).copy(), "JPEG", quality=95, exif=exif)
+    upright, stored = client.localize(room_id, [encoded(picture), turned]).photos
     assert upright.camera is not None and stored.camera is not None
     assert (stored.camera.camera.width, stored.camera.camera.height) == (480, 360)
     np.testing.assert_allclose(stored.camera.world_from_camera, upright.camera.world_from_camera, atol=0.01)
@@ -114,7 +115,7 @@ def test_a_turned_photo_is_localized_upright(client: Client, room_id: str, pictu
 
 def test_photos_that_know_of_each_other(client: Client, room_id: str, picture: np.ndarray) -> None:
     neighbor = looking(-0.15, height=1.2)
-    photos = [image_file(picture), image_file(renderer(textured_room()).colors(neighbor))]
+    photos = [encoded(picture), encoded(renderer(textured_room()).colors(neighbor))]
     poses = [
         Pose(vector3(posed.world_from_camera[:3, 3]), quaternion_of(posed.world_from_camera[:3, :3]))
         for posed in (_POSED, neighbor)

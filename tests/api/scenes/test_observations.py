@@ -39,8 +39,9 @@ from fastsplat_contract.messages.scenes import Color, Edit
 from fastsplat_contract.photos.observations import ListObservationsRequest, Observation, ObservationList, ObserveRequest
 from tests.api.calls import CALLS
 from tests.api.clients import assert_same
-from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG, image_file
+from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
 from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.capture.upload_files import encoded
 from tests.commands import invoke
 from tests.localization.textured_room import looking, renderer, textured_room
 from tests.scenes import add_photos, store_scene
@@ -53,7 +54,7 @@ def drawn_photos(*, block: bool) -> tuple[bytes, ...]:
     """Three photos of the room, with or without the cube."""
     drawn = renderer(textured_room(block=block))
     views = [looking(angle, height=height) for angle, height in ((-0.5, 1.2), (0.0, 1.7), (0.5, 1.2))]
-    return tuple(map(image_file, (drawn.colors(posed) for posed in views)))
+    return tuple(map(encoded, (drawn.colors(posed) for posed in views)))
 
 
 @pytest.fixture(scope="module")

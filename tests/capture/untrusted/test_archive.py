@@ -19,7 +19,7 @@ from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.untrusted.archive import unpack
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
-from tests.capture.upload_files import photo_file
+from tests.capture.upload_files import encoded, photo_file
 
 
 def _zip(entries: Sequence[tuple[str, bytes]], **attributes: int) -> bytes:
@@ -144,9 +144,8 @@ def test_too_many_bytes(refuses) -> None:
 def test_images_of_far_more_pixels_than_bytes_are_refused_before_they_are_decoded(
     upload, settings, refused, monkeypatch
 ) -> None:
-    black = io.BytesIO()
-    Image.new("L", (8000, 8000)).save(black, "PNG")
-    folder = upload({"photos.zip": _zip([(f"{number}.png", black.getvalue()) for number in range(5)])})
+    black = encoded(Image.new("L", (8000, 8000)))
+    folder = upload({"photos.zip": _zip([(f"{number}.png", black) for number in range(5)])})
     allowed = settings.model_copy(update={"max_compression_ratio": 10**9})
     monkeypatch.setattr(Image.Image, "load", lambda image: pytest.fail("it was decoded"))
     with refused(LimitExceededError, "pixels a byte"):

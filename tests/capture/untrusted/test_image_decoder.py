@@ -24,6 +24,7 @@ from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ResourceError
 from tests.capture.upload_files import turned
+from tests.small_tabletop import small_tabletop
 
 SIZE = (33, 24)
 
@@ -106,18 +107,7 @@ def test_a_child_that_hangs_or_dies_is_a_typed_error(tmp_path: Path, root: Path)
 def test_this_process_decodes_nothing_that_a_stranger_sent(
     tmp_path: Path, test_data: Path, settings: CaptureSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    upload = tmp_path / "upload"
-    upload.mkdir()
-    document = json.loads((test_data / "tabletop/transforms.json").read_text())
-    frames = document["frames"][::12]
-    for entry in ("split", "test_filenames"):
-        document.pop(entry, None)
-    for frame in frames:
-        for name in (frame["file_path"], frame["mask_path"]):
-            (upload / name).parent.mkdir(exist_ok=True)
-            (upload / name).write_bytes((test_data / "tabletop" / name).read_bytes())
-    (upload / "points3d.ply").write_bytes((test_data / "tabletop/points3d.ply").read_bytes())
-    (upload / "transforms.json").write_text(json.dumps({**document, "frames": frames}))
+    upload = small_tabletop(test_data, tmp_path / "upload", 3)
     validated = validate_upload(upload, settings)
     opened: list[str] = []
     original = Image.open
@@ -128,7 +118,7 @@ def test_this_process_decodes_nothing_that_a_stranger_sent(
 
     monkeypatch.setattr(Image, "open", recording)
     capture = build_capture(validated.folder, tmp_path / "capture", settings, silent)
-    assert len(capture.views) == len(frames)
+    assert len(capture.views) == 3
     assert not [path for path in opened if str(upload) in path]
 
 

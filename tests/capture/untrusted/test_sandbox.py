@@ -18,8 +18,8 @@ from fastsplat.service.capture.untrusted import sandbox
 from fastsplat.service.capture.untrusted.sandbox import validate_in_sandbox
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.cancellation import Cancellation, cancellable
+from fastsplat.service.scene.formats.zips import zipped
 from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, ResourceError
-from tests.capture.phone_recordings import zipped
 from tests.capture.upload_files import photo_file, video_file
 
 _PHOTOS = {f"{number} ü.jpg": photo_file(number) for number in range(3)}

@@ -23,8 +23,9 @@ from fastsplat.service.capture.uploads.posed_validation import ImageSizes, read_
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat.service.common.similarity import fit_similarity
+from fastsplat.service.scene.formats.zips import zipped
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ReconstructionError
-from tests.capture.phone_recordings import Frame, polycam, record3d_files, scanner_app, zipped
+from tests.capture.phone_recordings import Frame, polycam, record3d_files, scanner_app
 from tests.capture.upload_files import captured
 
 _SIZE = (64, 48)

@@ -42,6 +42,7 @@ from fastsplat_contract.jobs.operations import Privacy
 from tests.capture import made_room
 from tests.capture.phone_recordings import Frame, polycam
 from tests.capture.upload_files import encoded, video_file
+from tests.small_tabletop import small_tabletop
 
 Mask = NDArray[np.bool_]
 Paint = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]  # stands in for a picture's pixels, by its number
@@ -61,21 +62,13 @@ def _figure(view: int) -> Mask:
 
 def _upload(source: Path, folder: Path, paint: Paint) -> Path:
     """Posed photos of the table-top, in some of which a figure of this paint stands."""
-    document = json.loads((source / "transforms.json").read_text())
-    document["frames"] = document["frames"][:: len(document["frames"]) // _VIEWS][:_VIEWS]
-    document.pop("split")
-    for key in ("w", "fl_x", "cx", "h", "fl_y", "cy"):
-        document[key] = document[key] * _SIZE[0] / 480
-    document["w"], document["h"] = _SIZE
-    (folder / "images").mkdir(parents=True)
+    path = small_tabletop(source.parent, folder, _VIEWS) / "transforms.json"
+    document = json.loads(path.read_text())
     for number, frame in enumerate(document["frames"]):
-        pixels = np.asarray(Image.open(source / frame["file_path"]).resize(_SIZE, Image.Resampling.BOX))
-        frame.pop("depth_path"), frame.pop("mask_path")
-        frame["file_path"] = f"images/{number:03d}.png"
+        frame.pop("mask_path")
+        pixels = np.asarray(Image.open(folder / frame["file_path"]))
         Image.fromarray(_painted(pixels, _figure(number), paint, number)).save(folder / frame["file_path"])
-    document["ply_file_path"] = "points3d.ply"
-    (folder / "points3d.ply").write_bytes((source / "points3d.ply").read_bytes())
-    (folder / "transforms.json").write_text(json.dumps(document))
+    path.write_text(json.dumps(document))
     return folder
 
 
