@@ -118,9 +118,9 @@ def finish_job(
         store.jobs.publish_draft(claim, summary)
 
 
-def store_scene(store: Store, scene: Scene, name: str = "made", **options: Any) -> str:
+def store_scene(store: Store, scene: Scene, name: str = "made", *, project: str = "default", **options: Any) -> str:
     """Store a scene as a job that succeeded; returns its id. `options`: as `finish_job`."""
-    job = queued_job(name)
+    job = replace(queued_job(name), project=project)
     store.scenes.create(job)
     finish_job(store, job.operation_id, scene, **options)
     return job.scene_id

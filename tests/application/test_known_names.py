@@ -42,7 +42,7 @@ from fastsplat_contract.messages.objects import NameSuggestion, PickRequest
 from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.messages.scenes import Color, Edit, EditAction, InsertSource
 from tests.api.made_scene import ENCODER, write_words
-from tests.scenes import finish_job, labelled_scene, queued_job
+from tests.scenes import labelled_scene, store_scene
 
 _PER_OBJECT = 20
 _WORDS = ("", "elephant", "submarine", "carrot")
@@ -98,11 +98,7 @@ def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
             objects=Objects(table, membership),
         )
         scene = replace(scene, scale="METRIC" if meters else "ARBITRARY")
-        job = replace(queued_job(), project=project)
-        store = service.in_project(project)._store
-        store.scenes.create(job)
-        finish_job(store, job.operation_id, scene)
-        return job.scene_id
+        return store_scene(service.in_project(project)._store, scene, project=project)
 
     return new_scene
 

@@ -17,7 +17,7 @@ from fastsplat.service.application.base.memory import MemoryBudget
 from fastsplat.service.application.exporting import scene_exports
 from fastsplat.service.application.exporting.geometry_files import cameras_file, mesh_file, points_file
 from fastsplat.service.application.exporting.scene_exports import Exports
-from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.service import open_service
 from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.text_encoders import LabelTable, open_text_encoder
@@ -29,7 +29,7 @@ from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.made_scene import ENCODER, made_scene, write_words
 from tests.at_once import at_once
 from tests.query.wall import wall_index
-from tests.scenes import finish_job, queued_job
+from tests.scenes import store_scene
 
 
 @pytest.fixture
@@ -45,13 +45,6 @@ def encoded(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return sentences
 
 
-def _add(service: SceneService, settings: Settings, project: str) -> str:
-    job, store = replace(queued_job(), project=project), service._store.in_project(project)
-    store.scenes.create(job)
-    finish_job(store, job.operation_id, made_scene(open_text_encoder(ENCODER, settings.models)))
-    return job.scene_id
-
-
 def test_what_one_project_asked_spares_another_no_encoding(tmp_path: Path, encoded: list[str]) -> None:
     write_words(tmp_path / "models")
     settings = Settings(
@@ -64,7 +57,8 @@ def test_what_one_project_asked_spares_another_no_encoding(tmp_path: Path, encod
         answers = {}
         for project in ("a", "b"):
             service.admin.projects.create(project)
-            space, scene_id = service.in_project(project), _add(service, settings, project)
+            space, scene = service.in_project(project), made_scene(open_text_encoder(ENCODER, settings.models))
+            scene_id = store_scene(space._store, scene, project=project)
             space.answers.query(QueryRequest(scene_id, ("cup",)))  # opens the scene
             encoded.clear()
             answers[project] = [space.answers.query(QueryRequest(scene_id, ("elephant",))).answers[0] for _ in range(2)]

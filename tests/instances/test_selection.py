@@ -141,19 +141,12 @@ def test_holes_are_filled_and_owners_stay(seed: int) -> None:
     assert (hidden == before).all()
 
 
-def test_what_floats_far_away_joins_nothing() -> None:
-    gaussians = gaussians_at(np.concatenate([grid(1.0, 1.0, 0.1), [[50.0, 0, 0], [50.0, 0, 0.1]]]))
-    owners = np.zeros(len(gaussians), np.int32)
-    owners[-2:] = NOBODY
+@pytest.mark.parametrize(("objects", "far"), [(1, 2), (100, 1)], ids=["far away", "without a majority"])
+def test_what_floats_far_away_or_has_no_majority_around_it_joins_nothing(objects: int, far: int) -> None:
+    gaussians = gaussians_at(np.concatenate([grid(1.0, 1.0, 0.1), [[50.0, 0, 0.1 * n] for n in range(far)]]))
+    owners = np.arange(len(gaussians), dtype=np.int32) % objects
+    owners[-far:] = NOBODY
     assert (with_neighbors(owners, gaussians, np.ones(len(gaussians), np.float32), 8) == owners).all()
-
-
-def test_without_a_majority_nobody_owns() -> None:
-    points = np.concatenate([grid(1.0, 1.0, 0.1), [[50.0, 0, 0]]])
-    gaussians = gaussians_at(points)
-    owners = np.arange(len(points), dtype=np.int32)
-    owners[-1] = NOBODY
-    assert (with_neighbors(owners, gaussians, np.ones(len(points), np.float32), 8) == owners).all()
 
 
 @settings(max_examples=25)

@@ -22,7 +22,7 @@ from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, made_scene, parted_scene, turned
 from tests.api.served import Faces, rest_refusal
 from tests.at_once import at_once
-from tests.scenes import finish_job, queued_job, store_scene
+from tests.scenes import store_scene
 
 _WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
 
@@ -124,14 +124,12 @@ def test_objects_of_another_project_are_not_inserted(
     up = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
     foreign = service.in_project("next-door")
     encoder = open_text_encoder(ENCODER, api_settings.models)
-    job = replace(queued_job("theirs"), project="next-door")
-    foreign._store.scenes.create(job)
-    finish_job(foreign._store, job.operation_id, made_scene(encoder))
+    own_id = store_scene(foreign._store, made_scene(encoder), project="next-door")
     edit = Edit("insert", object_ids=(1,), transform=up, source=InsertSource(fresh_id))
     with pytest.raises(NotFoundError) as raised:
-        foreign.versions.edit(job.scene_id, [edit])
+        foreign.versions.edit(own_id, [edit])
     assert raised.value.field == "edits[0].source.scene"
-    foreign.delete_scene(job.scene_id)
+    foreign.delete_scene(own_id)
 
 
 @pytest.fixture

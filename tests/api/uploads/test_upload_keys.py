@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import uuid
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
@@ -38,7 +38,7 @@ from tests.api.made_scene import ENCODER, made_scene
 from tests.api.served import Faces, rpc_refusal
 from tests.api.uploaded import PIECE, TUS, announced, photo, zipped
 from tests.at_once import at_once
-from tests.scenes import finish_job, queued_job
+from tests.scenes import store_scene
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,6 @@ def place(guarded: Guarded) -> _Place:
     return _Place(guarded.faces, service, guarded.settings, project, editor, before)
 
 
-def _add_scene(place: _Place) -> str:
-    job = replace(queued_job("made"), project=place.project)
-    place.service._store.scenes.create(job)
-    scene = made_scene(open_text_encoder(ENCODER, place.settings.models))
-    finish_job(place.service._store, job.operation_id, scene)
-    return job.scene_id
-
-
 @pytest.fixture
 def capture(tmp_path: Path) -> Path:
     path = tmp_path / "capture.zip"
@@ -106,7 +98,8 @@ def test_an_editor_makes_one_and_a_reader_does_not(place: _Place) -> None:
 
 
 def test_it_posts_one_scene_follows_its_job_and_does_nothing_else(place: _Place, capture: Path) -> None:
-    other_id = _add_scene(place)
+    scene = made_scene(open_text_encoder(ENCODER, place.settings.models))
+    other_id = store_scene(place.service._store, scene, project=place.project)
     link = place.link()
     with place.client(link.secret) as phone:
         before = phone.server_status()
