@@ -132,22 +132,6 @@ def test_an_uncalibrated_encoder_knows_names_only_and_says_so() -> None:
         assert answer.presence is None and all(match.probability is None for match in answer.matches)
 
 
-@pytest.mark.parametrize("score", ["similarity", "relevancy"])
-def test_sentences_say_which_entry_and_leave_the_figures_to_the_fields(score: str) -> None:
-    settings = PLAIN.model_copy(update={"score": score, "threshold": 0.23, "exact_threshold": 5.0})
-    index = SceneIndex(make_scene(), DrawnEncoder(LEANING), settings)
-    for answer in index.ask(["cup", "cloud"]):
-        assert answer.matches[0].nearest_negative in settings.negatives
-        assert answer.sentence == (
-            'Probably here: "mug", related to "cup".'
-            if answer.text == "cup"
-            else 'Not here: none of the 3 names in this scene is "cloud".'
-        )
-    named, old = index.ask(["the mug", "the old mug"])
-    assert named.sentence == 'Here: "mug".'
-    assert old.sentence == 'Here: "mug"; "old" was not checked.'
-
-
 def test_labels_that_nearly_are_the_same_are_told_apart() -> None:
     labels = ["cup", "cup holder", "cups and plates", "Cup.", "ＣＵＰ ２", "c u p"]
     leaning = {label: [1.0, i * 1e-3] for i, label in enumerate([*labels, "beaker"])}

@@ -326,12 +326,6 @@ def test_there_is_a_most(
         service.observations.observe(_request(room_id, without))
 
 
-def test_forms_with_other_fields_are_refused(faces: Faces, room_id: str) -> None:
-    form: list[tuple[str, Any]] = [("photos", ("a", PLAIN_PNG)), ("version", (None, "1"))]
-    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{room_id}/observations", files=form))
-    assert refused.code == 400 and refused.details["field"] == "version"
-
-
 def test_nobody_sends_it_as_an_edit(client: Client, room_id: str) -> None:
     with pytest.raises(InvalidInputError, match="an observation is no edit"):
         client.edit_scene(room_id, [Edit("observe")])

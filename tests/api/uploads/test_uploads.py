@@ -108,19 +108,6 @@ def test_photos_over_grpc_become_an_operation(faces: Faces, service: SceneServic
     faces.rpc.DeleteScene(pb.DeleteSceneRequest(scene_id=operation.scene_id))
 
 
-def test_a_splat_becomes_an_operation_over_both(faces: Faces, service: SceneService) -> None:
-    files = [("own.ply", _splat())]
-    posted = post(faces, files, {"up": "-y"})
-    assert posted.status_code == 202, posted.text
-    operation = faces.rpc.CreateScene(messages(files, up="-y"))
-    for operation_id in (posted.json()["id"], operation.id):
-        record = service._store.scenes.operation(operation_id)
-        assert record.options["up"] == "-y"
-        (arrays,) = service._store.blobs.upload(record.upload_id).rglob("splat.safetensors")
-        assert arrays.stat().st_size > 9 * 14 * 4
-        service.delete_scene(record.scene_id)
-
-
 def test_every_option_arrives_whatever_the_protocol(faces: Faces, service: SceneService) -> None:
     chosen = {"lens": "panorama", "nadir_deg": 25.0, "privacy": "people", "movers": "ignore"}
     posted = post(faces, photos(2), {name: str(value) for name, value in chosen.items()})

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.meaning.calibration import calibration_for
-from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.messages.queries import Answer
@@ -144,19 +141,6 @@ def test_most_absent_objects_are_absent(ask: Ask, labels: Sequence[str]) -> None
 def test_unusual_texts_get_an_answer(ask: Ask, text: str) -> None:
     answer = ask(KITCHEN, text)
     assert answer.relation != "same" and len(answer.matches) == len(KITCHEN)
-
-
-def test_stored_embeddings_change_nothing(minilm: TextEncoder) -> None:
-    settings = QuerySettings()
-    fresh = make_scene(KITCHEN, code=2)
-    stored = replace(
-        fresh,
-        label_embeddings=embed_labels(dictionary_of(KITCHEN), minilm, settings.templates),
-        text_encoder=(minilm.name, minilm.sha256),
-        label_templates=settings.templates,
-    )
-    answers = [SceneIndex(scene, minilm, settings).ask(["fork", "tea"]) for scene in (fresh, stored)]
-    assert answers[0] == answers[1]
 
 
 def test_negatives_templates_and_coverage_are_the_questions_own(minilm: TextEncoder) -> None:

@@ -208,14 +208,3 @@ def test_gradients_are_not_recorded() -> None:
     found = label_map(parts, view.viewmat, view.camera, weight.requires_grad_(), bias, alpha_min=0.1)
     assert not found.alpha.requires_grad
     assert not label_sums(parts, view.viewmat, view.camera, patches(view, 4), 4).sums.requires_grad
-
-
-def test_thousands_of_labels_take_no_more_memory_than_there_are_entries(isa: str) -> None:
-    view = crowded(12, count=200, width=90, height=60)
-    labels = torch.arange(90 * 60).reshape(60, 90)
-    sums = summed(view, labels, 60_000)
-    unit_image = torch.ones(60, 90, 1)
-    weights = accumulate_weights(view.splats, view.viewmat, view.camera, unit_image, backend="reference")[:, 0]
-    totals = torch.zeros(200, dtype=torch.float64)
-    totals.index_add_(0, torch.repeat_interleave(torch.arange(200), sums.starts.diff()), sums.sums)
-    assert relative(totals, weights) < 1e-5
