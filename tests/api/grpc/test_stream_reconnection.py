@@ -12,8 +12,6 @@ from typing import Any
 import pytest
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import (
     Answer,
@@ -30,8 +28,8 @@ from release.check_wheels import free_ports
 from tests.api.clients import assert_same
 from tests.api.guarded import Guarded
 from tests.api.line import Line
-from tests.api.made_scene import ENCODER, add_scene, turned, write_words
-from tests.api.served import Faces, on_free_ports
+from tests.api.made_scene import add_scene, turned
+from tests.api.served import Faces
 from tests.api.server_process import server_process
 from tests.waiting import wait_for
 
@@ -54,23 +52,15 @@ def _question(scene_id: str, *texts: str) -> Subscription:
     return Subscription(QueryRequest(scene_id, texts, outputs=frozenset({"mask2d"}), mask2d_encoding="png"))
 
 
-def _stored(folder: Path) -> tuple[Settings, str, dict[float, tuple[Answer, ...]]]:
-    """Settings of a server that starts again on the same ports, a scene, and what is to be answered from each angle."""
-    write_words(folder / "models")
-    settings = on_free_ports(
-        **dict(zip(("http_port", "grpc_port", "metrics_port"), free_ports(3), strict=True)),
-        data_dir=folder / "data",
-        models=folder / "models",
-        perception=PerceptionSettings(text_encoder=ENCODER),
-        query=QuerySettings(backend="cpu", threshold=0.5, exact_threshold=0.95),
-    )
+def _stored(settings: Settings) -> tuple[str, dict[float, tuple[Answer, ...]]]:
+    """A scene, and what is to be answered from each angle."""
     with open_service(settings) as service:
         scene_id = add_scene(service, settings)
         expected = {}
         for angle in _ANGLES:
             request = replace(_question(scene_id, "mug", "moon").request, cameras=(turned(angle),))
             expected[angle] = service.answers.query(request).answers
-    return settings, scene_id, expected
+    return scene_id, expected
 
 
 @pytest.fixture
@@ -110,8 +100,10 @@ def _answers(client: Client, question: Subscription, walk: _Walk, reconnect: Rec
     return found
 
 
-def test_each_pose_is_answered_once_though_the_server_is_killed_between(tmp_path: Path) -> None:
-    settings, scene_id, expected = _stored(tmp_path)
+def test_each_pose_is_answered_once_though_the_server_is_killed_between(api_settings: Settings, tmp_path: Path) -> None:
+    ports = dict(zip(("http_port", "grpc_port", "metrics_port"), free_ports(3), strict=True))  # the same for both
+    settings = api_settings.model_copy(update={"data_dir": tmp_path / "data", **ports})
+    scene_id, expected = _stored(settings)
     with ExitStack() as stack:
         server = stack.enter_context(server_process(settings))
 
