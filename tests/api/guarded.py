@@ -202,8 +202,5 @@ def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
     }
     if name == "CreateKey":
         values["role"] = "reader"  # one that shows a scene alone may do no more
-    return to_proto(call.request(**{field: value for field, value in values.items() if field in _fields(call.request)}))
-
-
-def _fields(kind: Any) -> set[str]:
-    return {member.name for member in members(kind)}
+    fields = {member.name for member in members(call.request)}
+    return to_proto(call.request(**{field: value for field, value in values.items() if field in fields}))

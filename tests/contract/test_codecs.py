@@ -35,16 +35,13 @@ def _same(left: Any, right: Any) -> bool:
     """Equal; poses, which travel as quaternions and are held as matrices, to rounding."""
     if isinstance(left, PosedCamera):
         assert type(right) is PosedCamera and (left.camera, left.name) == (right.camera, right.name)
-        return bool(abs(left.world_from_camera - right.world_from_camera).max() <= 1e-12 * (1 + _size(left)))
+        size = float(abs(left.world_from_camera).max())
+        return bool(abs(left.world_from_camera - right.world_from_camera).max() <= 1e-12 * (1 + size))
     if is_dataclass(left) and not isinstance(left, type):
         return type(left) is type(right) and all(_same(value, vars(right)[name]) for name, value in vars(left).items())
     if isinstance(left, tuple):
         return type(left) is type(right) and len(left) == len(right) and all(map(_same, left, right))
     return bool(left == right)
-
-
-def _size(posed: PosedCamera) -> float:
-    return float(abs(posed.world_from_camera).max())
 
 
 @pytest.mark.parametrize("name", TYPES)

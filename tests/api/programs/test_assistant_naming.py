@@ -14,7 +14,6 @@ from mcp import Client as McpClient
 from mcp_types import ImageContent, TextContent
 from PIL import Image
 
-from fastsplat_client import Client
 from fastsplat_contract.errors import PermissionDeniedError
 from fastsplat_contract.messages.scenes import Edit
 from tests.api.clients import client_of
@@ -84,7 +83,8 @@ def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
     version = guarded.service.versions.edit(scene_id, [Edit("unname", object_ids=(1,))]).version
     said = _said(_call(guarded.faces, "unnamed_objects", guarded.header("reader"), scene=scene_id))
     with client_of(guarded.faces, key=guarded.keys["reader"]) as client:
-        assert [obj["id"] for obj in said["objects"]] == _objects_on_sheets(client, scene_id) == [1]
+        on_sheets = [obj.object_id for sheet in client.contact_sheets(scene_id) for obj in sheet.objects]
+        assert [obj["id"] for obj in said["objects"]] == on_sheets == [1]
     guess = {"object_id": 1, "name": "moon", "probability": 0.7}
     arguments = {"names": [guess], "source": "eyes", "scene": scene_id}
     assert "PERMISSION_DENIED" in _refusal(_call(guarded.faces, "suggest_names", guarded.header("reader"), **arguments))
@@ -112,7 +112,3 @@ def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_els
             client.confirm_names(scene_id)
         with pytest.raises(PermissionDeniedError):
             client.name_objects(scene_id, 1, "moon")
-
-
-def _objects_on_sheets(client: Client, scene_id: str) -> list[int]:
-    return [obj.object_id for sheet in client.contact_sheets(scene_id) for obj in sheet.objects]

@@ -19,9 +19,8 @@ _MUG, _BALL, _BOOK = 1, 2, 3
 _FRONT = turned(0.0)
 
 
-def _behind() -> np.ndarray:
-    """On the other side of the blobs, looking back."""
-    return np.array([[-1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 8], [0, 0, 0, 1]])
+_BEHIND = pose_of(np.array([[-1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 8], [0, 0, 0, 1]]))
+"""On the other side of the blobs, looking back."""
 
 
 @pytest.mark.parametrize(
@@ -29,7 +28,7 @@ def _behind() -> np.ndarray:
     [
         ("the object left of the ball", {"asker_view": "front.png"}, (_MUG,)),
         ("the object left of the ball", {"asker": pose_of(_FRONT.world_from_camera)}, (_MUG,)),
-        ("the object left of the ball", {"asker": pose_of(_behind())}, (_BOOK,)),
+        ("the object left of the ball", {"asker": _BEHIND}, (_BOOK,)),
         ("second object from the right", {"asker_view": "front.png"}, (_BALL,)),
         ("the red mug", {}, (_MUG,)),
         ("the blue mug", {}, ()),

@@ -27,10 +27,6 @@ from tests.scenes import store_scene
 _WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
 
 
-def _name(ids: tuple[int, ...], text: str, *aliases: str) -> Edit:
-    return Edit("name", object_ids=ids, name=text, aliases=aliases)
-
-
 def test_picks_show_the_mask_of_what_is_asked_for_by_name(client: Client, service: SceneService, scene_id: str) -> None:
     (answer,) = client.query(scene_id, "ball", views=["front.png"], outputs=["mask2d"])
     mask = answer.masks[0].array()
@@ -72,7 +68,8 @@ def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
     version = client.name_objects(
         fresh_id, mug.object.id, "violin", aliases=["elephant", "moon"], looked_at=mug.version
     )
-    assert version.edits == (_name((mug.object.id,), "violin", "elephant", "moon"),) and version.current
+    named = Edit("name", object_ids=(mug.object.id,), name="violin", aliases=("elephant", "moon"))
+    assert version.edits == (named,) and version.current
     for text in ("violin", "elephant", "moon"):
         (answer,) = client.query(fresh_id, text, views=["front.png"], outputs=["mask2d", "mask3d", "objects"])
         assert (answer.outcome, answer.object_ids, answer.version) == ("here", (mug.object.id,), version.version)

@@ -88,17 +88,14 @@ def _poses(scene_id: str) -> Iterator[pb.StreamQueryRequest]:
         yield pb.StreamQueryRequest(pose=pb.StreamPose(sequence=sequence, camera=to_proto(turned(0.01 * sequence))))
 
 
-def _argument(rpc: str, scene_id: str) -> Any:
-    return _poses(scene_id) if rpc == "StreamQuery" else _request(rpc, scene_id)
-
-
 @pytest.mark.parametrize("rpc", _STREAMING)
 def test_an_answer_over_grpc_is_dropped(place: tuple[ServerProcess, str], rpc: str) -> None:
     """Read to its first message, then cancelled, or its connection cut: by the blocking client."""
     server, scene_id = place
     for turn in range(_TIMES):
         with grpc.insecure_channel(server.grpc_target) as channel:
-            call = getattr(SceneServiceStub(channel), rpc)(_argument(rpc, scene_id), timeout=60)
+            sent = _poses(scene_id) if rpc == "StreamQuery" else _request(rpc, scene_id)
+            call = getattr(SceneServiceStub(channel), rpc)(sent, timeout=60)
             next(call)
             if turn % 2:
                 call.cancel()

@@ -36,10 +36,6 @@ def files() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-def _create_resumable(faces: Faces) -> str:
-    return str(faces.rest.post("/v1/uploads", headers=announced("a.jpg", 1_000)).headers["location"])
-
-
 @pytest.mark.usefixtures("files")
 def test_slow_uploads_hold_no_threads(api_settings: Settings, tmp_path: Path) -> None:
     limits = LimitSettings(uploads=2_000, in_flight=2_000, all_uploads=2_000)
@@ -47,7 +43,8 @@ def test_slow_uploads_hold_no_threads(api_settings: Settings, tmp_path: Path) ->
     with open_service(settings) as service, served(service, settings) as faces, ExitStack() as connections:
         scene_id = add_scene(service, settings)
         address = ("127.0.0.1", faces.ports.http)
-        paths = [_create_resumable(faces) for _ in range(_PIECES)]
+        begun = [faces.rest.post("/v1/uploads", headers=announced("a.jpg", 1_000)) for _ in range(_PIECES)]
+        paths = [str(response.headers["location"]) for response in begun]
         before = threading.active_count()
         slow = [connections.enter_context(socket.create_connection(address)) for _ in range(_FORMS + _PIECES)]
         for connection in slow[:_FORMS]:
@@ -73,11 +70,8 @@ def test_slow_uploads_hold_no_threads(api_settings: Settings, tmp_path: Path) ->
         for connection in slow:
             connection.close()
         wait_for(lambda: len(list(root.glob("*/raw/a.jpg"))) == 0)  # what was cut leaves nothing
-        wait_for(lambda: {_offset(faces, path) for path in paths} == {"4"})  # and what came of a piece stays
-
-
-def _offset(faces: Faces, path: str) -> str:
-    return str(faces.rest.head(path, headers=TUS).headers["upload-offset"])
+        # and what came of a piece stays
+        wait_for(lambda: {faces.rest.head(path, headers=TUS).headers["upload-offset"] for path in paths} == {"4"})
 
 
 def _posts_pass(faces: Faces, service: SceneService) -> None:

@@ -33,10 +33,6 @@ def _patch(faces: Faces, path: str, offset: int, data: bytes, **headers: str) ->
     return faces.rest.patch(path, content=data, headers={**PIECE, "Upload-Offset": str(offset), **headers})
 
 
-def _form(fields: dict[str, str]) -> dict[str, tuple[None, str]]:
-    return {name: (None, value) for name, value in fields.items()}
-
-
 def test_the_server_says_what_it_speaks(faces: Faces) -> None:
     options = faces.rest.options("/v1/uploads")
     assert options.status_code == 204 and options.headers["tus-version"] == "1.0.0"
@@ -59,8 +55,9 @@ def test_a_capture_comes_in_pieces_and_becomes_a_scene_once(faces: Faces, servic
     head = faces.rest.head(path, headers=TUS)
     assert head.headers["upload-offset"] == head.headers["upload-length"] == str(len(data))
     assert head.headers["cache-control"] == "no-store" and head.headers["upload-metadata"].endswith("note aGk=")
-    form = {"uploads": path.rpartition("/")[2], "name": "in pieces", "request_id": f"tus-{time.time_ns()}"}
-    first, again = (faces.rest.post("/v1/scenes", files=_form(form)) for _ in range(2))
+    fields = {"uploads": path.rpartition("/")[2], "name": "in pieces", "request_id": f"tus-{time.time_ns()}"}
+    form = {name: (None, value) for name, value in fields.items()}
+    first, again = (faces.rest.post("/v1/scenes", files=form) for _ in range(2))
     assert first.status_code == again.status_code == 202, first.text
     assert first.json()["id"] == again.json()["id"]
     record = service._store.scenes.operation(first.json()["id"])

@@ -151,18 +151,14 @@ def test_of_two_phones_with_the_same_link_one_makes_the_scene(place: _Place, cap
         key.new_upload()
 
 
-def _expire(place: _Place, key_id: str) -> None:
-    with transaction(place.service._store.engine) as connection:
-        connection.execute(update(api_keys).where(api_keys.c.id == key_id).values(expires_at=time.time() - 1))
-
-
 def test_one_that_expires_before_its_scene_is_made_makes_none(place: _Place) -> None:
     link = place.link()
     upload = OneUpload(place.service, link.key.id)
     session = upload.new_upload()
     for number in range(2):
         session.write(f"{number}.jpg", [photo(number)])
-    _expire(place, link.key.id)
+    with transaction(place.service._store.engine) as connection:
+        connection.execute(update(api_keys).where(api_keys.c.id == link.key.id).values(expires_at=time.time() - 1))
     with pytest.raises(ConflictError):
         upload.create_scene(session, "late", "", SceneOptions())
     assert place.service.list_scenes().scenes == ()

@@ -121,10 +121,6 @@ def test_nothing_asked_is_nothing_measured() -> None:
     assert lerf_mask(silent, strict=True).miou == 0 and math.isnan(lerf_mask(silent, strict=False).miou)
 
 
-def _dataset(views: tuple[TrueView, ...], labels: tuple[str, ...]) -> Dataset:
-    return Dataset(Path("made"), "lerf_ovs", dictionary_of(labels), (), views)
-
-
 def test_selected_gaussians_are_drawn_whole_though_others_hide_them() -> None:
     """A wide ball hides a small one: no rendered label is the small one's, and its silhouette has all of it."""
     labels = ("front ball", "hidden ball")
@@ -139,7 +135,8 @@ def test_selected_gaussians_are_drawn_whole_though_others_hide_them() -> None:
     whole = alone.label_map(posed) > 0
     assert whole.any() and not (index.label_map(posed) == 2).any()
     queries = (QueryTruth(labels[1], whole, ((0.0, 0.0, 64.0, 48.0),)),)
-    report = evaluate_scene(index, _dataset((TrueView("a", posed, index.render(posed), queries=queries),), labels))
+    views = (TrueView("a", posed, index.render(posed), queries=queries),)
+    report = evaluate_scene(index, Dataset(Path("made"), "lerf_ovs", dictionary_of(labels), (), views))
     assert report.figures["miou_opengaussian"] > 0.6 and report.figures["acc50_opengaussian"] == 1
     assert report.figures["miou_views"] == 0 == report.figures["miou_lerf_mask"]
     assert not silhouette_mask(np.array([0.7, 0.2])).any() and silhouette_mask(np.array([0.71])).all()

@@ -31,16 +31,12 @@ _TAGS = {560: (-0.3, 0.0), 561: (0.35, 0.2)}
 _FEATURES = 1_500  # enough for poses of pictures that are all texture
 
 
-def _looking(position: F64, target: F64) -> PosedCamera:
-    return PosedCamera(_CAMERA, look_at(position, target))
-
-
 def _cameras(count: int = 16) -> list[PosedCamera]:
     """On an arc, a meter or so above two tags that lie around the origin; scene units."""
     angles = np.linspace(-2.2, -0.9, count)
     return [
-        _looking(
-            np.array([2.6 * np.cos(a), 2.6 * np.sin(a), 1.7 + 0.2 * (n % 3)]), np.array([0.05 * (n % 4), 0.0, 0.0])
+        PosedCamera(
+            _CAMERA, look_at((2.6 * np.cos(a), 2.6 * np.sin(a), 1.7 + 0.2 * (n % 3)), (0.05 * (n % 4), 0.0, 0.0))
         )
         for n, a in enumerate(angles)
     ]

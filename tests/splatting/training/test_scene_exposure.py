@@ -26,10 +26,6 @@ def _ev(exposure: float) -> Tensor:
     return torch.tensor([exposure, 0.0, 0.0])
 
 
-def _corrections(evs: Tensor) -> Tensor:
-    return torch.stack([evs, 0.05 * evs, -0.05 * evs], dim=1)
-
-
 @pytest.fixture(scope="module")
 def scene(world) -> Gaussians:
     settings = TrainingSettings(iterations=150, time_budget_s=None, max_gaussians=250, evaluations=0, held_out_every=0)
@@ -75,7 +71,7 @@ def test_a_scene_is_darkened_as_far_as_photos_show_it_below_white_and_no_further
     parameters = color_parameters(bright)
     burnt = torch.stack([_image(parameters, view) for view in views]).amax(dim=3)
     assert (burnt > 1).float().mean() > 0.05, "the case: much of it is brighter than white"
-    dark = _corrections(torch.full((12,), -2.0))
+    dark = torch.full((12, 1), -2.0) * torch.tensor([1.0, 0.05, -0.05])
     photos = _photographed(parameters, views, dark)
     ev = display_ev(parameters, photos, dark, "cpu")
     assert -2 < ev < -0.2

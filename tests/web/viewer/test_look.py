@@ -29,10 +29,6 @@ def _ready(visit: Visit) -> Locator:
     return canvas
 
 
-def _stand_at(visit: Visit, photo: str) -> None:
-    visit.tab("Photos").get_by_label("Stand at a photo").select_option(photo)
-
-
 def _shot(visit: Visit, box: dict[str, float]) -> NDArray[np.float64]:
     """float64 [H, W, 3]: what the page shows in a rectangle."""
     return pixels_of(drawn(visit.page, box))
@@ -71,7 +67,7 @@ def test_a_slider_shows_the_photo_the_scene_or_half_of_each_exactly_over_each_ot
 ) -> None:
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}", device_scale_factor=1) as visit:
         canvas = _ready(visit)
-        _stand_at(visit, "001.jpg")
+        visit.tab("Photos").get_by_label("Stand at a photo").select_option("001.jpg")
         expect(visit.page.locator(".compared-photo")).to_have_attribute("data-photo", "001.jpg")
         visit.check_accessible()
         scene, photo, half = (_compared(visit, share) for share in (0, 100, 50))
