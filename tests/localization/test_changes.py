@@ -199,6 +199,10 @@ def test_a_shadow_is_no_event(empty: Renderer) -> None:
     assert _events(empty, empty, photos, {}) == ()
 
 
+def test_one_photo_alone_tells_of_no_event(empty: Renderer, with_block: Renderer) -> None:
+    assert _events(with_block, empty, _photos(empty)[:1], {_BLOCK: _box(_AT)}) == ()
+
+
 @pytest.mark.parametrize(("looked", "kinds"), [(True, ["new", "gone"]), (False, ["gone"])])
 def test_what_stands_where_no_photo_of_the_scene_looked_is_not_new(looked: bool, kinds: list[str]) -> None:
     room, box = textured_room(), _box(_AT)
