@@ -100,7 +100,7 @@ def _summary(default: Document, objects: Document, absence: Document, subscripti
     sample, found, figures = default["sample"], objects["rows"], absence["figures"]
     alone = "docs/method.md#from-photos-alone"
     seconds = sum(sample["stage_seconds"].values())
-    yield f"[sample photos with poses to a scene]({alone}), default models, 4,000 steps", f"{seconds:.0f} s"
+    yield f"[sample photos with poses to a scene]({alone}), default models and preset", f"{seconds:.0f} s"
     names = ("sample", "tabletop")
     pictures = " and ".join(f"{default[name]['figures']['psnr']:.1f} dB" for name in names)
     yield f"[PSNR of unseen views]({alone}), two scenes", pictures

@@ -12,6 +12,7 @@ from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.detectors.open_detectors import (
     closed_set_labels,
+    known_texts,
     open_closed_set_detector,
     open_open_set_detector,
 )
@@ -74,7 +75,7 @@ class CaptureDetector:
             self._message = "looking for objects"
             self._detect: Callable[[Image], Detections] = lambda image: _detect_named(closed, image, names, settings)
             return
-        prompts = names or _prompts(load, count, settings, models, on_view)
+        prompts = names or known_texts(_prompts(load, count, settings, models, on_view), settings, models)
         detector = open_open_set_detector(of_each, models)
         self._spellings = prompts
         self.searched = tuple(prompts)
