@@ -65,6 +65,8 @@ def test_what_one_project_asked_spares_another_no_encoding(tmp_path: Path, encod
             assert [text for text in encoded if "elephant" in text], project
             encoded.clear()
             again = service.in_project(project, scene_id).answers.query(QueryRequest(scene_id, ("elephant",))).answers
+            twin = QueryRequest(store_scene(space._store, scene, project=project), ("elephant",))
+            assert space.answers.query(twin).answers[0].matches == again[0].matches
             assert encoded == [] and again[0] == answers[project][0]  # a link to the scene is of its project
         (cache,) = service._context.scenes._caches.values()
         assert len(cache.texts._recent) <= settings.query.cached_texts
