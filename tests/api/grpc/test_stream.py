@@ -235,3 +235,20 @@ def test_what_makes_no_sense_ends_the_stream_and_is_named(
     with pytest.raises(grpc.RpcError) as caught:
         list(robot.replies)
     assert rpc_refusal(caught.value).details["field"] == field
+
+
+def test_the_question_can_change_in_the_stream(faces: Faces, scene_id: str) -> None:
+    robot = _Robot(faces)
+    robot.ask(_question(scene_id, "mug"))
+    assert robot.next("accepted").question == 1
+    robot.move(7)
+    assert robot.next("response").response.answer.text == "mug"
+    assert robot.next("done").sequence == 7
+    robot.ask(_question(scene_id, "ball"))
+    assert robot.next("accepted").question == 2
+    robot.move(8)
+    reply = robot.next("response")
+    assert (reply.response.answer.text, reply.sequence, reply.question) == ("ball", 8, 2)
+    robot.next("done")
+    robot.leave()
+    assert list(robot.replies) == []

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from pydantic import ValidationError
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
-from fastsplat_client import Client, Retry, Subscription
-from fastsplat_contract.errors import PermissionDeniedError, UnauthenticatedError
+from fastsplat_client import Client, DeadlineExceededError, Retry, Subscription
+from fastsplat_contract.errors import CancelledError, PermissionDeniedError, UnauthenticatedError
+from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.jobs.operations import SceneOptions
-from fastsplat_contract.messages.queries import QueryRequest
+from fastsplat_contract.messages.queries import QueryOut, QueryRequest
 from tests.api.clients import client_of
 from tests.api.line import Line
 from tests.api.made_scene import add_scene, turned
-from tests.api.served import Faces, serving
+from tests.api.served import Faces, OwnQuestions, served, serving
 from tests.api.uploaded import photo, zipped
+from tests.waiting import with_growing_limit
 
 _SIZE = (320, 240)
 
@@ -109,3 +114,44 @@ def test_clients_are_told_where_grpc_is(faces: Faces, service: SceneService, api
 def test_an_address_without_a_port_is_none(address: str) -> None:
     with pytest.raises(ValidationError):
         Settings(grpc_address=address)
+
+
+def _give_up(ask: Callable[[float], object], begun: threading.Event) -> None:
+    """Ask with deadlines that pass; the last of them is long enough for the server to begin."""
+
+    def attempt(limit_s: float) -> bool | None:
+        with pytest.raises(DeadlineExceededError):
+            ask(limit_s)
+        return begun.is_set() or None
+
+    assert with_growing_limit(attempt, 0.1)
+
+
+class _Watched(OwnQuestions):
+    """A service that tells when a question began, and how its last one ended."""
+
+    error: BaseException | None = None
+
+    def query(self, request: QueryRequest) -> QueryOut:
+        self.begun.set()
+        try:
+            return self._service.answers.query(request)
+        except BaseException as error:
+            self.error = error
+            raise
+        finally:
+            self.stopped.set()
+
+
+@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
+def test_a_deadline_ends_the_rendering_of_many_views(
+    service: SceneService, api_settings: Settings, scene_id: str, protocol: Literal["REST", "gRPC"]
+) -> None:
+    watched = _Watched(service)
+    posed = turned(0.0)
+    large = PosedCamera(posed.camera.scaled_to(4_000, 3_000), posed.world_from_camera)
+    request = QueryRequest(scene_id, ("mug",), cameras=(large,) * 11, outputs=frozenset({"mask2d"}))
+    with served(watched, api_settings) as faces, client_of(faces) as client:
+        _give_up(lambda limit_s: client.ask(request, timeout_s=limit_s, protocol=protocol), watched.begun)
+        assert watched.stopped.wait(60)
+    assert isinstance(watched.error, CancelledError)

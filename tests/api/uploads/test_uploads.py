@@ -318,3 +318,16 @@ def test_photos_of_one_name_are_all_kept_however_they_come(faces: Faces, service
         assert contents == {f"image{end}.jpg": files[i][1] for i, end in enumerate(("", " (2)", " (3)"))}
         assert not manifest.left_out
         service.delete_scene(record.scene_id)
+
+
+@pytest.mark.usefixtures("untouched")
+def test_a_deadline_in_mid_upload_leaves_nothing(faces: Faces) -> None:
+    def slowly() -> Iterator[pb.CreateSceneRequest]:
+        yield from messages(photos(2))
+        over.wait(60)
+
+    over = threading.Event()
+    with pytest.raises(grpc.RpcError) as caught:
+        faces.rpc.CreateScene(slowly(), timeout=0.5)
+    over.set()
+    assert caught.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED
