@@ -69,7 +69,7 @@ def missing_models(settings: Settings, *, given_labels: bool = False, named: boo
     prompted = bool(perception.open_set_detector)
     if masks or not given_labels:
         roles.append("segmenter")
-    if masks if given_labels else not prompted or (perception.prompt_source == "closed_set" and not named):
+    if masks if given_labels else not prompted or (perception.prompted_by_classes and not named):
         roles.append("closed_set_detector")
     if prompted and not given_labels:
         roles.append("open_set_detector")

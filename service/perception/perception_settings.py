@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 from pydantic import Field
 
@@ -26,7 +25,8 @@ class PerceptionOptions(Options):
     """The closed-set detector also looks at the image's four corners enlarged: five runs instead of one, and small
     objects are detected in twice as many views."""
     tags: tuple[str, ...] = ()
-    """Replaces the built-in tag list (`fastsplat.service.perception.class_names.TAGS`)."""
+    """What an open-set detector looks for when the user names nothing, in place of the built-in list
+    (`fastsplat.service.perception.class_names.TAGS`) or of detected classes, see `tagger`."""
     score_threshold: float = Field(0.5, ge=0, le=1)
     """A class is believed to be in the scene when it scores this much in `min_view_share` of the views."""
     score_floor: float = Field(0.3, ge=0, le=1)
@@ -72,10 +72,9 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     """Turns boxes into masks."""
     tagger: str = ""
     """Proposes what an open-set detector looks for when the user names nothing: the tags that the views agree on
-    (`min_view_share`, `min_views`). Empty, or where it proposes nothing: `prompt_source` says. See
+    (`min_view_share`, `min_views`). Empty, or where it proposes nothing: the
+    classes that the closed-set detector saw for a Grounding DINO, which takes few words a look, else `tags`. See
     `fastsplat.service.perception.tagging` for the files that it needs."""
-    prompt_source: Literal["closed_set", "tags"] = "closed_set"
-    """What an open-set detector looks for when the user names nothing: detected classes, if any, or the tag list."""
     image_text: str = ""
     """Embeds pictures of the objects of new scenes: a model of pictures and texts. Empty: none does."""
     people_words: tuple[str, ...] = ("person",)
@@ -106,9 +105,18 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
         return self.model_copy(update=scores)
 
     @property
+    def prompted_by_classes(self) -> bool:
+        """True if an open-set detector is asked for the classes that the closed-set detector saw, see `tagger`."""
+        return bool(self.open_set_detector) and not self.tags and self._open_adapter == "grounding_dino"
+
+    @property
+    def _open_adapter(self) -> str:
+        from fastsplat.service.perception.models.model_manifest import find_model  # settings alone do without
+
+        return find_model(self.open_set_detector, "open_set_detector")[0]
+
+    @property
     def _open_threshold(self) -> float:
         if self.open_score_threshold is not None:
             return self.open_score_threshold
-        from fastsplat.service.perception.models.model_manifest import find_model  # settings alone do without
-
-        return _USUAL_THRESHOLDS[find_model(self.open_set_detector, "open_set_detector")[0]]
+        return _USUAL_THRESHOLDS[self._open_adapter]

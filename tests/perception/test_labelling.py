@@ -21,7 +21,7 @@ from fastsplat.service.perception.detectors.open_detectors import open_closed_se
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.label_maps import capture_detection
 from fastsplat.service.perception.label_maps import labelling as labelling_module
-from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector
+from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector, _prompts
 from fastsplat.service.perception.label_maps.labelling import label_capture, views_to_segment
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, Labelling
@@ -241,7 +241,7 @@ def test_given_labels_that_do_not_fit_are_refused(given_capture: Any, tmp_path: 
 
 
 def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(test_data: Path, models_dir: Path) -> None:
-    """Prompts: the user's words; else the closed-set finds; else, where those are none, the tag list."""
+    """Prompts: the user's words; else the operator's tags; else the list, or of a Grounding DINO what is found."""
     if not (models_dir / "yolo_world_s").is_dir():
         pytest.skip("evaluation weights are not there")
     settings = PerceptionSettings(
@@ -264,11 +264,15 @@ def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(test_data: Pat
 
     assert "for 1 classes" in look(photo, ["banana", "Bananas"], settings)[2]
     assert "for 2 classes" in look(grey, [], settings)[2]
-    searched, labels, _ = look(photo, [], settings.model_copy(update={"prompt_source": "tags"}))
+    searched, labels, _ = look(photo, [], settings)
     assert searched == ("headset", "can opener")
     assert "headset" in labels and set(labels) <= set(searched)
-    _, labels, _ = look(photo, [], settings)
-    assert "banana" in labels and "headset" not in labels
+    searched, labels, _ = look(photo, [], settings.model_copy(update={"tags": ()}))
+    assert "banana" in labels and "headset" not in labels and 100 < len(searched) < len(TAGS)  # the table lacks some
+    few = PerceptionSettings(open_set_detector="grounding_dino:few", threads=2)
+    asked = _prompts(lambda _: photo, 1, few, models_dir, lambda *_: None)
+    assert few.prompted_by_classes and "banana" in asked and len(asked) < 20
+    assert _prompts(lambda _: grey, 1, few, models_dir, lambda *_: None) == list(TAGS)
 
 
 def test_tags_are_different_objects() -> None:

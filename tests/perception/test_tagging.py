@@ -165,5 +165,5 @@ def test_the_tags_of_all_views_become_the_texts(tagger_folder: Path, models_dir:
     assert searched(every, []) == ("stop sign", "cup")
     assert searched(every.model_copy(update={"tagger_texts": 1}), []) == ("stop sign",)
     assert searched(settings, ["banana"]) == ("banana",)  # a user's words go before
-    nothing = settings.model_copy(update={"tagger_threshold": 1.0, "prompt_source": "tags", "tags": ("banana",)})
+    nothing = settings.model_copy(update={"tagger_threshold": 1.0, "tags": ("banana",)})
     assert searched(nothing, []) == ("banana",)  # as without a tagger

@@ -41,7 +41,7 @@ OnView = Callable[[int, str], None]
 class CaptureDetector:
     """Detects the objects of a capture's views, once per view, in any order.
 
-    An open-set detector is prompted by the labels, else by the tagger or `settings.prompt_source`; without one the
+    An open-set detector is prompted by the labels, else by the tagger, by classes or by tags; without one the
     closed-set detector is used. `searched` has the names that are looked for.
 
     Args:
@@ -119,7 +119,7 @@ def _prompts(load: LoadImage, count: int, settings: PerceptionSettings, models: 
         texts = propose_texts(load, spread(count, _TAGGER_VIEWS), settings, models, on_view)
         if texts:
             return texts
-    if settings.prompt_source == "closed_set":
+    if settings.prompted_by_classes:
         closed_set = settings.model_copy(update={"open_set_detector": ""})
         detector = CaptureDetector(load, count, (), closed_set, models, on_view)
         resolved, _ = resolve_detections(detector.detections(range(count)), settings, named=False)
