@@ -1,11 +1,11 @@
 """Appearance descriptors of objects, for recognition in other scenes.
 
-They are inner features of the closed-set detector, averaged inside the object's mask (compared in docs/naming.md).
+They are inner features of the closed-set detector, averaged inside the object's mask and projected onto the directions
+that tell kinds of objects apart (compared in docs/naming.md).
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -31,8 +31,9 @@ _CHANNELS = (192, 384, 96)
 _PICTURE_SIDE = 96
 _PICTURE_QUALITY = 80
 
-SIZE = sum(_CHANNELS)
+SIZE = 48
 """Length of a descriptor."""
+PROJECTION_FILE = Path(__file__).with_name("appearance_projection.npy")
 
 
 class AppearanceEncoder:
@@ -46,7 +47,7 @@ class AppearanceEncoder:
         self._session = open_session(model, name=name, threads=threads, inner=_LAYERS)
 
     def features(self, image: Image, mask: NDArray[np.bool_]) -> F32:
-        """Computes features, float32 [SIZE], of the image inside a mask, which must not be empty."""
+        """Computes features, float32 [sum of `_CHANNELS`], of the image inside a mask, which must not be empty."""
         crop, inside = square_around(image, mask, _SIDE)
         feed = {"image": imagenet_tensor(crop, _SIDE, cubic=False), "scale_factor": np.ones((1, 2), np.float32)}
         return np.concatenate([_pooled(layer[0], inside) for layer in self._session.run(list(_LAYERS), feed)])
@@ -66,14 +67,18 @@ def open_appearance_encoder(settings: PerceptionSettings, models: Path) -> Appea
 
 
 def descriptor_of(features: Sequence[F32]) -> NDArray[np.float16]:
-    """Combines the features of an object's pictures into a unit vector, float16 [SIZE].
+    """Combines the features of an object's pictures into a unit vector, float16 [SIZE]."""
+    center, directions = _projection()
+    return np.asarray(_unit(pooled_features(features, center) @ directions.T), np.float16)
+
+
+def pooled_features(features: Sequence[F32], center: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Combines the features of an object's pictures, not yet projected, into a unit vector as long as `center`.
 
     Each layer's features are centered, normalized, averaged over the pictures, and normalized again.
     """
-    rows = np.stack(features).astype(np.float64) - _center()
-    parts = np.split(rows, np.cumsum(_CHANNELS)[:-1], axis=1)
-    whole = np.concatenate([_unit(_unit(part).mean(axis=0)) for part in parts])
-    return np.asarray(whole / np.sqrt(len(parts)), np.float16)
+    parts = np.split(np.stack(features).astype(np.float64) - center, np.cumsum(_CHANNELS)[:-1], axis=1)
+    return np.concatenate([_unit(_unit(part).mean(axis=0)) for part in parts]) / np.sqrt(len(parts))
 
 
 def small_picture(image: Image, mask: NDArray[np.bool_]) -> bytes:
@@ -84,10 +89,10 @@ def small_picture(image: Image, mask: NDArray[np.bool_]) -> bytes:
 
 
 @cache
-def _center() -> NDArray[np.float64]:
-    """Mean features of the objects of the demo's sample."""
-    text = (Path(__file__).parent / "appearance_center.json").read_text(encoding="utf-8")
-    return np.array(json.loads(text), np.float64)
+def _projection() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean features of objects, and the directions [SIZE, C], of `benchmarks.calibration.fit_appearance`."""
+    rows = np.load(PROJECTION_FILE).astype(np.float64)
+    return rows[0], rows[1:]
 
 
 def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:

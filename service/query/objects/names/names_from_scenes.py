@@ -24,13 +24,15 @@ _PER_SIZE = 0.5
 _MOST_APART = 1.5
 _UNKNOWN_APART = 0.25
 """Size difference of a pair with an unknown size."""
-_NONE_OF_THESE = 0.6
-"""Assumed likeness of an unnamed rival, needed where few objects or names are known."""
-_SCORES, _PROBABILITIES = (0.7, 0.88, 0.95, 1.2), (0.4, 0.55, 0.88, 0.95)
+_KNOWN_NAMES, _NONE_OF_THESE = (1, 40), (0.6, 0.2)
+"""Assumed likeness of an unnamed rival by the number of known names, among many of which the right one is likelier."""
+_PER_LEAD = 4.0
+"""Score lost per unit of likeness by which another object here is more like the known one."""
+_SCORES, _PROBABILITIES = (0.75, 0.85, 0.95, 1.2), (0.6, 0.78, 0.88, 0.95)
 """Thresholds for suggestions: scores and their probabilities, interpolated in between.
 
-Chosen on objects found in the six validation rooms of `benchmarks.rooms`, each compared with one, five and all names of
-the five others; results on held-out objects are in docs/naming.md."""
+Chosen on the true objects of the six validation rooms of `benchmarks.rooms`, each compared with 1, 3, 8, 16 and
+all names of the five others; results on held-out objects are in docs/naming.md."""
 _SMALLEST = 1e-4
 """Least size in meters, for flat objects."""
 _NO_SIZE = np.full(3, np.nan)
@@ -71,10 +73,10 @@ def names_by_looks(
 ) -> Mapping[int, NameFromScene]:
     """Suggests a name by looks for each object, by id; for most none.
 
-    Suggestions need mutual best matches. Likeness is the cosine of the descriptors less the size difference; the score
-    adds the lead over the best rival of another name, or over an assumed unnamed one. Objects that a person named get
-    no suggestion, and no other object gets the one they match best, so pass them, too. Descriptors of another length
-    are ignored."""
+    Likeness is the cosine of the descriptors less the size difference; the score adds the lead over the best rival of
+    another name, or over an assumed unnamed one, and loses where another object here is more like the known one.
+    Objects that a person named get no suggestion but count there, so pass them, too. Descriptors of another length are
+    ignored."""
     here = [obj for obj in objects if obj.appearance]
     length = len(here[0].appearance) if here else 0
     there = [obj for obj in known if len(obj.appearance) - length in (0, _SIZE_BYTES)]
@@ -85,13 +87,15 @@ def names_by_looks(
     theirs = np.array([np.frombuffer(obj.appearance[length:] or _NO_SIZE_BYTES, np.float16) for obj in there])
     likeness = likeness - _PER_SIZE * _apart(ours, theirs.astype(np.float64))
     keys = np.array([label_key(obj.name) for obj in there])
+    unnamed = float(np.interp(len(set(keys)), _KNOWN_NAMES, _NONE_OF_THESE))
     names = {}
     for row, obj in zip(likeness, here, strict=True):
         best = int(row.argmax())
-        if obj.source == "person" or likeness[:, best].max() > row[best]:
+        if obj.source == "person":
             continue
-        rival = max(_NONE_OF_THESE, float(row[keys != keys[best]].max(initial=0.0)))
-        score = 2 * float(row[best]) - rival
+        rival = max(unnamed, float(row[keys != keys[best]].max(initial=0.0)))
+        lead = float(likeness[:, best].max() - row[best])
+        score = 2 * float(row[best]) - rival - _PER_LEAD * lead
         if score >= _SCORES[0]:
             probability = float(np.interp(score, _SCORES, _PROBABILITIES))
             names[obj.id] = NameFromScene(there[best].name, probability, there[best].scene_id)
