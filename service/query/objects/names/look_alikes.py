@@ -57,16 +57,12 @@ def sizes_in_meters(scene: Scene, before: tuple[Scene, Sizes] | None = None) -> 
     `before`: the scene before an edit and its sizes, reused if Gaussians and memberships are unchanged."""
     if scene.objects is None or scene.scale != "METRIC":
         return {}
-    if before is not None and _same_members(before[0], scene):
-        return before[1]
+    if before is not None and (objects := before[0].objects) is not None:
+        same = objects.membership is scene.objects.membership and before[0].gaussians is scene.gaussians
+        if same and before[0].scale == scene.scale:
+            return before[1]
     ids = {obj.id for obj in scene.objects.table if obj.appearance}
     return {object_id: _deviations(means, mass) for object_id, _, means, mass in _seen(scene, ids)} if ids else {}
-
-
-def _same_members(first: Scene, second: Scene) -> bool:
-    if first.objects is None or second.objects is None or first.objects.membership is not second.objects.membership:
-        return False
-    return first.gaussians is second.gaussians and first.scale == second.scale
 
 
 def _looks(scene: Scene, object_ids: set[int]) -> dict[int, tuple[F64, F64]]:

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.objects.names.look_alikes import Sizes
 from fastsplat.service.query.objects.names.merged_suggestions import TAG_SOURCE
 from fastsplat.service.scene.artefact.reads import tags_of
 from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.artefact.suggestions import SaidName
-
-if TYPE_CHECKING:
-    from fastsplat.service.query.objects.names.look_alikes import Sizes
 
 _PER_SIZE = 0.5
 """Likeness lost per unit of log size difference, up to `_MOST_APART`."""
@@ -28,6 +25,8 @@ _KNOWN_NAMES, _NONE_OF_THESE = (1, 40), (0.6, 0.2)
 """Assumed likeness of an unnamed rival by the number of known names, among many of which the right one is likelier."""
 _PER_LEAD = 4.0
 """Score lost per unit of likeness by which another object here is more like the known one."""
+_PER_RIVAL = 3.0
+"""Greatest probability per unit of lead over the best rival of another name, above the half that equals have."""
 _SCORES, _PROBABILITIES = (0.75, 0.85, 0.95, 1.2), (0.6, 0.78, 0.88, 0.95)
 """Thresholds for suggestions: scores and their probabilities, interpolated in between.
 
@@ -93,11 +92,11 @@ def names_by_looks(
         best = int(row.argmax())
         if obj.source == "person":
             continue
-        rival = max(unnamed, float(row[keys != keys[best]].max(initial=0.0)))
-        lead = float(likeness[:, best].max() - row[best])
-        score = 2 * float(row[best]) - rival - _PER_LEAD * lead
+        rival = row[keys != keys[best]].max(initial=0.0)
+        score = 2 * row[best] - max(unnamed, rival) - _PER_LEAD * (likeness[:, best].max() - row[best])
         if score >= _SCORES[0]:
-            probability = float(np.interp(score, _SCORES, _PROBABILITIES))
+            equal = 0.5 + _PER_RIVAL * (row[best] - rival)
+            probability = float(min(np.interp(score, _SCORES, _PROBABILITIES), equal))
             names[obj.id] = NameFromScene(there[best].name, probability, there[best].scene_id)
     return names
 
@@ -127,16 +126,11 @@ def names_by_tags(objects: Sequence[Object], known: Sequence[KnownObject]) -> Ma
     names: dict[int, NameFromScene] = {}
     for obj in objects:
         for tag, here in borne[obj.id].items() if obj.source != "person" else ():
-            if count[tag] > 1 or (bearer := _last_named(tag, known)) is None:
+            bearing = [bearer for bearer in known if tag in dict(bearer.tags)]
+            there = [bearer for bearer in bearing if bearer.scene_id == bearing[0].scene_id]
+            if count[tag] > 1 or len({label_key(bearer.name) for bearer in there}) != 1:
                 continue
-            probability = _STAYS * here * dict(bearer.tags)[tag]
+            probability = _STAYS * here * dict(there[0].tags)[tag]
             if obj.id not in names or probability > names[obj.id].probability:
-                names[obj.id] = NameFromScene(bearer.name, probability, bearer.scene_id, TAG_SOURCE)
+                names[obj.id] = NameFromScene(there[0].name, probability, there[0].scene_id, TAG_SOURCE)
     return names
-
-
-def _last_named(tag: str, known: Sequence[KnownObject]) -> KnownObject | None:
-    """The object that last bore a tag; None if its name is ambiguous."""
-    bearing = [obj for obj in known if tag in dict(obj.tags)]
-    there = [obj for obj in bearing if obj.scene_id == bearing[0].scene_id]
-    return there[0] if len({label_key(obj.name) for obj in there}) == 1 else None
