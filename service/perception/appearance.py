@@ -78,7 +78,7 @@ def pooled_features(features: Sequence[F32], center: NDArray[np.float64]) -> NDA
     Each layer's features are centered, normalized, averaged over the pictures, and normalized again.
     """
     parts = np.split(np.stack(features).astype(np.float64) - center, np.cumsum(_CHANNELS)[:-1], axis=1)
-    return np.concatenate([_unit(_unit(part).mean(axis=0)) for part in parts]) / np.sqrt(len(parts))
+    return np.asarray(np.concatenate([_unit(_unit(part).mean(axis=0)) for part in parts]) / np.sqrt(len(parts)))
 
 
 def small_picture(image: Image, mask: NDArray[np.bool_]) -> bytes:
