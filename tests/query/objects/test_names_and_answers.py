@@ -201,7 +201,9 @@ def test_what_other_scenes_suggest_is_a_suggestion_like_any_other() -> None:
     assert (samovar.outcome, samovar.probability, samovar.object_ids) == ("probably_here", suggestion.probability, (1,))
     assert (jar.outcome, jar.probability, vase.outcome) == ("probably_here", 0.4, "here")
     assert index.ask(["samovar"])[0].outcome == "cannot_say"  # of this scene alone
-    assert index.ranked.suggesting([*known, KnownObject("t", "samovar", new_looks)], "own") is ranked  # it says the same
+    assert (
+        index.ranked.suggesting([*known, KnownObject("t", "samovar", new_looks)], "own") is ranked
+    )  # it says the same
     assert index.ranked.suggesting(known[1:], "own") is index.ranked
 
 
