@@ -62,7 +62,7 @@ def test_a_row_that_is_no_text_or_no_json_is_left_out_of_a_list_and_is_an_error_
         connection.execute(text(f"UPDATE operations SET options = {value} WHERE id != 'op7'"))
     for records in (store.scenes.list_operations(5), store.jobs.waiting()):
         assert [record.id for record in records] == ["op7"]
-    assert "operation op3 is damaged" in caplog.text
+    assert "operation op3 is damaged" in caplog.text and store.jobs.claim_next("worker").operation.id == "op7"
     with pytest.raises(ArtefactError, match="damaged"):
         store.scenes.operation("op3")
     assert store.jobs.over(["op3", "op3.1", "op7", "gone"]) == {"gone"}

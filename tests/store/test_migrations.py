@@ -27,6 +27,7 @@ from fastsplat.service.store.repositories.key_repository import KeyRecord
 from fastsplat.service.store.rows.before_upgrade import save_before_upgrade
 from fastsplat.service.store.rows.database import open_engine, resolve_url
 from fastsplat.service.store.rows.migrations import migrate
+from fastsplat.service.store.rows.records import AttemptRecord
 from fastsplat.service.store.rows.schema import metadata
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ConflictError, ResourceError
@@ -232,6 +233,46 @@ def test_what_a_database_held_is_saved_before_it_is_upgraded_and_can_be_restored
     mtime = (saved / "backup.json").stat().st_mtime_ns
     migrate(stored, scripts, save)
     assert (saved / "backup.json").stat().st_mtime_ns == mtime, "what needs no upgrade is not saved again"
+
+
+_VERSION_4 = (
+    *(f"DROP TABLE {name}" for name in ("attempts", "turns", "leases")),
+    *(f"DROP INDEX {name}" for name in ("operations_queued", "operations_by_state")),
+    *(
+        f"ALTER TABLE operations DROP COLUMN {name}"
+        for name in ("run_after", "again_after", "gpus", "memory", "models")
+    ),
+    "CREATE INDEX ix_operations_state ON operations (state)",
+    "ALTER TABLE operations ADD COLUMN attempts JSON DEFAULT '[]' NOT NULL",
+    "UPDATE operations SET options = '{{\"labels\": [], \"models\": {models}}}', attempts = '{attempts}', attempt = 1",
+    "UPDATE alembic_version SET version_num = '0004'",
+)
+
+
+def test_attempts_and_models_of_a_database_of_version_4_become_rows_and_columns(
+    stored: Engine, tmp_path: Path, database_url: str, request: pytest.FixtureRequest
+) -> None:
+    shape, models = _shape(stored), {"tagger": {"name": "ram:mine", "sha256": {}}}
+    times = [
+        {"began_at": 1.0, "ended_at": 2.0, "why": "failed"},
+        {"began_at": None, "ended_at": 3.0, "why": "cancelled"},
+    ]
+    attempts = [{"number": 1, "worker": "w", **moments} for moments in times]
+    with stored.begin() as connection:
+        for statement in _VERSION_4:
+            connection.exec_driver_sql(statement.format(models=json.dumps(models), attempts=json.dumps(attempts)))
+    server: PostgresServer | None = request.getfixturevalue("postgres") if database_url else None
+    with server.database() if server else nullcontext("") as another:
+        for folder, url in ((tmp_path, database_url), (tmp_path / "restored", another)):
+            if folder != tmp_path:
+                restore(tmp_path / "before-upgrade", folder, url)
+            with closing(open_store(folder, url)) as store:
+                assert _shape(store.engine) == shape
+                (job,) = store.jobs.in_turn()
+                assert (job.models, job.options, job.again_after) == (models, {"labels": []}, "cancelled")
+                assert store.scenes.attempts_of([job.id]) == {
+                    job.id: [AttemptRecord(job.id, 1, "w", 1.0, 2.0, "failed")]
+                }
 
 
 def test_a_database_that_cannot_be_saved_is_not_upgraded(

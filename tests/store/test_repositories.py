@@ -158,6 +158,7 @@ def test_a_release_takes_the_start_back_but_not_the_fence(store, claim):
     [
         (lambda store, claim: None, "worker_died"),
         (lambda store, claim: store.jobs.release(claim), "worker_stopped"),
+        (lambda store, claim: store.jobs.release(claim, 60.0), "trainer_died"),
         (lambda store, claim: store.jobs.cancelled(claim), "cancelled"),
         (lambda store, claim: store.jobs.fail(claim, {"reason": "X"}), "failed"),
     ],
@@ -168,17 +169,17 @@ def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, cla
     store.jobs.retry("op1", ended_since=0.0)
     again = store.jobs.claim("op1")
     assert again.operation.again_after == after
-    assert store.jobs.claim_again(again).operation.again_after == "trainer_died"
-    with pytest.raises(FencedError):
-        store.jobs.claim_again(again)
     newest = store.jobs.claim("op1", "worker")
     assert newest.operation.again_after == "worker_died"  # of a release no word is left
     store.jobs.succeed(newest, SUMMARY)
-    attempts = store.scenes.operation("op1").attempts
-    rows = [(attempt["number"], attempt["worker"], attempt["why"]) for attempt in attempts]
-    assert rows == [(1, "", after), (2, "", "trainer_died"), (3, "", "worker_died"), (4, "worker", None)]
-    times = [moment for attempt in attempts for moment in (attempt["began_at"], attempt["ended_at"])]
+    attempts = store.scenes.attempts_of(["op1"])["op1"]
+    rows = [(attempt.number, attempt.worker, attempt.why) for attempt in attempts]
+    assert rows == [(1, "", after), (2, "", "worker_died"), (3, "worker", None)]
+    times = [moment for attempt in attempts for moment in (attempt.began_at, attempt.ended_at)]
     assert times == sorted(times)
+    store.scenes.delete_scene("scene1")
+    store.jobs.delete_ended(time.time() + 60)
+    assert store.scenes.attempts_of(["op1"]) == {"op1": []}
 
 
 def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
@@ -229,12 +230,13 @@ _CLAIM = object()
 _CALLS = {
     "scenes.list_scenes": (1,), "scenes.create": (job(2),), "versions.known": ("scene1", "v1"), "keys.all": (),
     "quota_usage.of": ("key",), "jobs.jobs_by_state": (), "jobs.in_turn": (), "jobs.claim_next": ("worker",),
-    "jobs.claim": ("op1",), "jobs.claim_again": (_CLAIM,), "jobs.owners": (), "jobs.take_back": ("worker",),
+    "jobs.claim": ("op1",), "scenes.attempts_of": (["op1"],), "jobs.owners": (), "jobs.take_back": ("worker",),
     "jobs.release": (_CLAIM,), "jobs.report": (_CLAIM, []), "jobs.check": (_CLAIM,),
     "jobs.succeed": (_CLAIM, SUMMARY), "jobs.fail": (_CLAIM, {}), "jobs.cancelled": (_CLAIM,), "jobs.over": (["op1"],),
     "jobs.delete_ended": (0.0,), "jobs.uploads": (0.0,), "jobs.retry": ("op1", 0.0),
     "jobs.unknown_scenes": (["scene1"],), "workers.update_heartbeat": ("a", "host", 1), "workers.list_workers": (),
     "workers.alive_on": ("host", 10.0), "workers.mark_stopped": ("a",), "workers.unregister": ("a",),
+    "workers.take_lease": ("cleanup", 60.0),
 }  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
+from fastsplat.service.common.process import machine_bytes
 from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.jobs.needed_models import in_use, lacking, log_missing_models
 from fastsplat.service.settings import Settings
@@ -30,18 +31,18 @@ from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.engine.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
 from fastsplat.workers.engine.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
 from fastsplat.workers.engine.periodic import repeat
-from fastsplat.workers.engine.supervisor import StoppingError, Supervisor
+from fastsplat.workers.engine.supervisor import ReturnedError, Supervisor
 from fastsplat.workers.kinds.job_kinds import KINDS, JobKind
 from fastsplat_contract.jobs.operations import OperationKind
-
-_CLEANUP_INTERVAL_S = 60.0  # of folders, uploads, logs and rows
 
 logger = logging.getLogger(__name__)
 
 EXIT_FENCED = 75
 """Exit status after losing a job to another worker; restart it (EX_TEMPFAIL)."""
 _EXIT_FAILED = 70
-_STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
+_CLEANUP_INTERVAL_S = 30.0  # of folders, uploads, logs and rows
+_STORAGE_CLEANUP_INTERVAL_S = 1800.0  # it may list a whole object store
+_MARGIN_S = 1.0  # by which one worker's cleanup bars its own next one, so that all machines come to clean their folders
 
 _ROWS_BYTES = 1 << 20
 _FULL_PAUSE_S = 5.0
@@ -91,10 +92,16 @@ def stop(worker: Worker, patience_s: float = 15.0) -> None:
 def _run_waiting(worker: Worker) -> None:
     while not worker.stopping.is_set():
         choice = worker.store.models.chosen()
-        claim = worker.store.jobs.claim_next(worker.executor_id, choice, partial(_can_use, worker))
+        offers = {"gpus": _gpus(worker.settings), "memory": machine_bytes()}
+        claim = worker.store.jobs.claim_next(worker.executor_id, choice, partial(_can_use, worker), **offers)
         if claim is None:
             return
         _run(worker, claim)
+
+
+def _gpus(settings: Settings) -> int:
+    """GPUs of a trainer here: one, if the settings name CUDA and no device list hides it."""
+    return int(settings.training.backend == "cuda" and os.environ.get("CUDA_VISIBLE_DEVICES") != "")
 
 
 def _can_use(worker: Worker, choice: ModelChoice) -> bool:
@@ -114,7 +121,7 @@ def _run(worker: Worker, claim: Claim) -> None:
         settings = in_use(worker.settings, job.models)
         worker.running = Supervisor(worker.store, settings, claim, worker.kinds[job.kind], worker.stopping)
         worker.running.run()
-    except StoppingError:
+    except ReturnedError:
         pass
     except FencedError:
         logger.warning("job %s has been claimed by another worker; this worker starts over", job.id)
@@ -153,16 +160,18 @@ def _prune_stalled(worker: Worker) -> None:
 
 
 def _clean_up(worker: Worker) -> None:
-    settings = worker.settings
-    uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
-    remove_unneeded(worker.store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
-    trash_lost_scenes(worker.store, ActivityClock(worker.store.blobs.root).now())
+    store, settings, now = worker.store, worker.settings, ActivityClock(worker.store.blobs.root).now()
+    if store.workers.take_lease("cleanup", _CLEANUP_INTERVAL_S + _MARGIN_S):
+        uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
+        remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
+        trash_lost_scenes(store, now)
 
 
 def _clean_up_storage(worker: Worker) -> None:
-    blobs = worker.store.blobs
-    blobs.remove_partial(PARTIAL_EXPIRY_S)
-    trash_lost_versions(worker.store, min(time.time(), ActivityClock(blobs.root).now()))
+    store = worker.store
+    if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S + _MARGIN_S):
+        store.blobs.remove_partial(PARTIAL_EXPIRY_S)
+        trash_lost_versions(store, min(time.time(), ActivityClock(store.blobs.root).now()))
 
 
 def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> None:

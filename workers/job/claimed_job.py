@@ -208,14 +208,11 @@ class ClaimedJob:
         )
 
     @patient
-    def claim_again(self) -> None:
-        """Begins another attempt after a trainer crash."""
-        self.claim = self._jobs.claim_again(self.claim)
-
-    @patient
-    def release(self) -> None:
-        """Returns the job unfinished; this start does not count."""
-        self._jobs.release(self.claim)
+    def release(self, stages: Sequence[Mapping[str, Any]] = (), pause_s: float | None = None) -> None:
+        """Returns the job unfinished; with `pause_s` also its progress, as `JobRepository.release`."""
+        if pause_s is not None:
+            self._report(stages, None)
+        self._jobs.release(self.claim, pause_s)
 
     @patient
     def is_published(self) -> bool:

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Update, func, select, update
+from sqlalchemy import Connection, Update, func, insert, select, update
 
 from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.store.repositories.scene_repository import as_operation
-from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable
-from fastsplat.service.store.rows.database import Repository
-from fastsplat.service.store.rows.records import MODELS, Attempt, OperationRecord
-from fastsplat.service.store.rows.schema import operations
+from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable, first_readable
+from fastsplat.service.store.rows.database import Repository, upsert
+from fastsplat.service.store.rows.records import OperationRecord
+from fastsplat.service.store.rows.schema import QUEUE_ORDER, QUEUED, attempts, operations, turns
 from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, OperationState
 
-_UNCLAIMED = (operations.c.state == "QUEUED") | ((operations.c.state == "RUNNING") & (operations.c.worker == ""))
+LONGEST_PAUSE_S = 600.0
+"""Jobs to be run later than this from now are due: the clock of the machine that put them off was ahead."""
+_BEGUN = (operations.c.state == "RUNNING") & (operations.c.worker == "")
+_ANY_MEMORY = 1 << 62
 
 JobRequest = Literal["cancel", "finish"]
 """A request to a running job: stop, or end training early and keep the result."""
@@ -49,12 +52,10 @@ def uncancelled(claim: Claim) -> Update:
     return fenced(claim).where(operations.c.cancel_requested.is_(False))
 
 
-def end_attempt(job: OperationRecord, why: AgainAfter | None) -> Sequence[Attempt]:
-    """Returns a job's attempts, of which the newest ends now unless it has."""
-    *earlier, newest = job.attempts or (None,)
-    if newest is None or newest["ended_at"] is not None:
-        return job.attempts
-    return [*earlier, {**newest, "ended_at": time.time(), "why": why}]
+def end_attempt(connection: Connection, operation_id: str, why: AgainAfter | None) -> bool:
+    """Ends the newest attempt of a job; False if it has ended already."""
+    running = update(attempts).where(attempts.c.operation_id == operation_id, attempts.c.ended_at.is_(None))
+    return connection.execute(running.values(ended_at=time.time(), why=why)).rowcount > 0
 
 
 def execute_fenced(connection: Connection, claim: Claim, statement: Update) -> None:
@@ -68,53 +69,58 @@ class JobQueue(Repository):
 
     def waiting(self) -> Sequence[OperationRecord]:
         """Lists unclaimed operations, those begun before queued ones, by priority and age."""
-        query = select(operations).where(_UNCLAIMED)
-        order = (operations.c.state.desc(), operations.c.priority.desc(), operations.c.created_at, operations.c.id)
+        query = select(operations).where(_BEGUN | QUEUED).order_by(operations.c.state.desc(), *QUEUE_ORDER)
         with self._reading() as connection:
-            return each_readable(connection.execute(query.order_by(*order)).mappings(), as_operation)
+            return each_readable(connection.execute(query).mappings(), as_operation)
 
     def claim_next(
         self,
         worker: str,
         choice: ModelChoice = MappingProxyType({}),
         can_use: Callable[[ModelChoice], bool] = lambda choice: True,
+        *,
+        gpus: int = 0,
+        memory: int = _ANY_MEMORY,
     ) -> Claim | None:
-        """Claims the first job `in_turn` whose models the worker can use, if any waits.
+        """Claims the first job `in_turn` that is due and needs no more than the worker has, if any.
 
-        Jobs begin with `choice`; those begun before keep theirs. Returns None also if another worker was faster.
+        Jobs begin with `choice`; those begun before keep their models, and are left if the worker cannot use these.
         """
-        waiting = self.in_turn()
-        chosen = bool(waiting) and can_use(choice)  # once, as thousands may wait
-        for job in waiting:
-            begun = job.state == "RUNNING"
-            if can_use(job.models) if begun else chosen:
-                return self.claim(job.id, worker, job.models if begun else choice)
+        now = time.time()
+        due = ~operations.c.run_after.between(now, now + LONGEST_PAUSE_S)
+        fits = due, operations.c.gpus <= gpus, operations.c.memory <= memory
+        with self._reading() as connection:  # an idle worker takes no lock
+            begun = each_readable(connection.execute(select(operations).where(_BEGUN, *fits)).mappings(), as_operation)
+            projects = _projects_in_turn(connection)
+        usable = [job.id for job in begun if can_use(job.models)]
+        places = [_BEGUN & operations.c.id.in_(usable)] if usable else []
+        if projects and can_use(choice):  # looked at once, as thousands may wait
+            places += [QUEUED & (operations.c.project == project) for project in projects]
+        if not places:
+            return None
+        with self._writing() as connection:
+            for place in places:
+                query = select(operations).where(place, *fits).order_by(*QUEUE_ORDER).with_for_update(skip_locked=True)
+                for job in first_readable(connection, query, 1, as_operation):
+                    return _begin(connection, job, worker, job.models if job.state == "RUNNING" else choice)
         return None
 
     def in_turn(self) -> Sequence[OperationRecord]:
         """Lists the jobs that no worker has, in the order in which they would begin.
 
         Those that were begun go first. Then projects take turns: first the one with the fewest jobs under way; of
-        several, the one whose latest job is longest ago, then the one that has waited longest. Within a project
-        priority decides, then age.
+        several, the one whose latest claim is longest ago, then the one whose next job has waited longest. Within a
+        project priority decides, then age.
         """
         waiting = self.waiting()
-        mine: dict[str, list[OperationRecord]] = {}
+        with self._reading() as connection:
+            projects = _projects_in_turn(connection)
+        queued: dict[str, list[OperationRecord]] = {project: [] for project in projects}
         for job in waiting:
             if job.state == "QUEUED":
-                mine.setdefault(job.project, []).append(job)
-        if len(mine) < 2:  # as mostly, when a worker asks
-            return waiting
+                queued.setdefault(job.project, []).append(job)
+        rounds = zip_longest(*queued.values())
         begun = [job for job in waiting if job.state == "RUNNING"]
-        project = operations.c.project
-        running = select(project, func.count()).where(operations.c.state == "RUNNING").group_by(project)
-        latest = select(project, func.max(operations.c.updated_at)).where(operations.c.attempt > 0).group_by(project)
-        with self._reading() as connection:
-            active: dict[str, int] = dict(connection.execute(running).all())
-            last: dict[str, float] = dict(connection.execute(latest).all())
-        oldest = {name: min(job.created_at for job in jobs) for name, jobs in mine.items()}
-        turns = sorted(mine, key=lambda name: (active.get(name, 0), last.get(name, 0.0), oldest[name]))
-        rounds = zip_longest(*(mine[name] for name in turns))
         return [*begun, *(job for jobs in rounds for job in jobs if job is not None)]
 
     def under_way(self) -> Sequence[OperationRecord]:
@@ -123,25 +129,16 @@ class JobQueue(Repository):
         with self._reading() as connection:
             return each_readable(connection.execute(query).mappings(), as_operation)
 
-    def claim(self, operation_id: str, worker: str = "", models: ModelChoice | None = None) -> Claim | None:
-        """Claims a waiting job, counts one start and fences earlier claims.
+    def claim(self, operation_id: str, worker: str = "") -> Claim | None:
+        """Claims a waiting job out of turn, counts one start and fences earlier claims; None if it does not wait.
 
-        Nobody else may claim it until `worker` (its executor id; "": nobody) ends or `take_back` is called. It keeps
-        `models`; None: those that it has. Returns None if it does not wait.
+        Nobody else may claim it until `worker` (its executor id; "": nobody) ends or `take_back` is called.
         """
-        waiting = select(operations).where(operations.c.id == operation_id, _UNCLAIMED).with_for_update()
+        waiting = select(operations).where(operations.c.id == operation_id, _BEGUN | QUEUED).with_for_update()
         with self._writing() as connection:
             row = connection.execute(waiting).mappings().first()
-            if row is None:
-                return None
-            return _begin(connection, as_operation(row), "worker_died", worker, models)
-
-    def claim_again(self, claim: Claim) -> Claim:
-        """Starts another attempt after the trainer died; raises `FencedError` as `JobRepository.report`."""
-        with self._writing() as connection:
-            execute_fenced(connection, claim, fenced(claim).values(updated_at=time.time()))
-            row = connection.execute(select(operations).where(operations.c.id == claim.operation.id)).mappings().one()
-            return _begin(connection, as_operation(row), "trainer_died", row["worker"])
+            job = None if row is None else as_operation(row)
+            return None if job is None else _begin(connection, job, worker, job.models)
 
     def owners(self) -> Mapping[str, float]:
         """Maps workers with unfinished jobs to the latest update of these, in seconds since 1970."""
@@ -153,7 +150,8 @@ class JobQueue(Repository):
     def take_back(self, worker: str) -> None:
         """Frees the unfinished jobs of a dead worker for others to claim."""
         with self._writing() as connection:
-            connection.execute(update(operations).where(operations.c.worker == worker).values(worker=""))
+            unfinished = update(operations).where(operations.c.state == "RUNNING", operations.c.worker == worker)
+            connection.execute(unfinished.values(worker=""))
 
     def jobs_by_state(self) -> Mapping[str, int]:
         """Counts operations by state, including states without any."""
@@ -164,7 +162,7 @@ class JobQueue(Repository):
 
     def waits_since(self) -> float | None:
         """Time since which the longest waiting operation waits, in seconds since 1970; or None."""
-        query = select(func.min(operations.c.updated_at)).where(operations.c.state == "QUEUED")
+        query = select(func.min(operations.c.updated_at)).where(QUEUED)
         with self._reading() as connection:
             since = connection.scalar(query)
         return None if since is None else float(since)
@@ -179,18 +177,30 @@ class JobQueue(Repository):
         return [(row.id, row.updated_at, row.stages) for row in rows if are_objects(row.stages)]
 
 
-def _begin(
-    connection: Connection, before: OperationRecord, after: AgainAfter, worker: str, models: ModelChoice | None = None
-) -> Claim:
-    """Begins an attempt; `after` is what ended the previous one, unless that is known."""
-    earlier, here, now = end_attempt(before, after), operations.c.id == before.id, time.time()
-    newest = Attempt(number=before.attempt + 1, worker=worker, began_at=now, ended_at=None, why=None)
-    values = {
-        "state": "RUNNING", "attempt": newest["number"], "starts": operations.c.starts + 1, "worker": worker,
-        "attempts": [*earlier, newest], "updated_at": now,
+def _projects_in_turn(connection: Connection) -> Sequence[str]:
+    """Lists the projects with queued jobs as `in_turn`, by a few look-ups in indexes for each."""
+    project = operations.c.project
+    first = select(func.min(project).label("project")).where(QUEUED)
+    found = first.cte("found", recursive=True)
+    later = first.where(project > found.c.project).scalar_subquery()
+    found = found.union_all(select(later).where(found.c.project.is_not(None)))
+    mine = project == found.c.project
+    running = select(func.count()).where(operations.c.state == "RUNNING", mine).scalar_subquery()
+    last = select(turns.c.last_at).where(turns.c.project == found.c.project).scalar_subquery()
+    age = select(operations.c.created_at).where(QUEUED, mine).order_by(*QUEUE_ORDER).limit(1).scalar_subquery()
+    query = select(found.c.project).where(found.c.project.is_not(None))
+    return connection.scalars(query.order_by(running, func.coalesce(last, 0.0), age)).all()
+
+
+def _begin(connection: Connection, job: OperationRecord, worker: str, models: ModelChoice) -> Claim:
+    """Begins an attempt of a job whose row is locked; one that has not ended ends with its worker."""
+    died = end_attempt(connection, job.id, "worker_died")
+    now, number = time.time(), job.attempt + 1
+    changes = {
+        "state": "RUNNING", "attempt": number, "starts": job.starts + 1, "models": dict(models), "updated_at": now,
+        "again_after": "worker_died" if died else job.again_after,
     }  # fmt: skip
-    if models not in (None, before.models):
-        values["options"] = {**before.options, MODELS: dict(models)}
-    connection.execute(update(operations).where(here).values(values))
-    record = as_operation(connection.execute(select(operations).where(here)).mappings().one())
-    return Claim(record, record.attempt)
+    connection.execute(update(operations).where(operations.c.id == job.id).values(worker=worker, **changes))
+    connection.execute(insert(attempts).values(operation_id=job.id, number=number, worker=worker, began_at=now))
+    upsert(connection, {turns.c.project: job.project, turns.c.last_at: now})
+    return Claim(replace(job, **changes), number)

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from sqlalchemy import Connection, delete, exists, insert, select, update
 
 from fastsplat.service.store.queue.claims import (
+    LONGEST_PAUSE_S,
     Claim,
     FencedError,
     JobQueue,
@@ -37,8 +38,9 @@ from fastsplat.service.store.repositories.version_repository import (
 )
 from fastsplat.service.store.rows.damaged_rows import each_readable
 from fastsplat.service.store.rows.records import NewJob, OperationRecord, SceneSummary
-from fastsplat.service.store.rows.schema import operations, scene_versions, scenes
+from fastsplat.service.store.rows.schema import attempts, operations, scene_versions, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError
+from fastsplat_contract.jobs.operations import AgainAfter
 
 _ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
 _UNFINISHED = ("QUEUED", "RUNNING")
@@ -54,12 +56,18 @@ class JobRepository(JobQueue):
     Methods that take a claim, except `release`, raise `FencedError` if it is not the newest or its operation is over.
     """
 
-    def release(self, claim: Claim) -> None:
-        """Gives an unfinished job back without counting its start; does nothing if fenced."""
+    def release(self, claim: Claim, pause_s: float | None = None) -> None:
+        """Gives an unfinished job back; does nothing if fenced.
+
+        Its start does not count. With `pause_s`, seconds for which nobody claims it, its trainer died and it counts.
+        """
+        why: AgainAfter = "worker_stopped" if pause_s is None else "trainer_died"
+        now, starts = time.time(), operations.c.starts - (pause_s is None)
+        run_after = now + min(pause_s or 0.0, LONGEST_PAUSE_S)
+        values = {"starts": starts, "worker": "", "again_after": why, "run_after": run_after, "updated_at": now}
         with self._writing() as connection:
-            attempts, starts = end_attempt(claim.operation, "worker_stopped"), operations.c.starts - 1
-            values = {"starts": starts, "attempts": attempts, "worker": "", "updated_at": time.time()}
-            connection.execute(fenced(claim).values(values))
+            if connection.execute(fenced(claim).values(values)).rowcount:
+                end_attempt(connection, claim.operation.id, why)
 
     def report(
         self,
@@ -142,10 +150,10 @@ class JobRepository(JobQueue):
             ConflictError: a draft was edited meanwhile, or the edits were undone.
         """
         with self._writing() as connection:
-            done = _succeeded(claim, result)
-            removed = self._publish(connection, claim, done, summary, carried, edited, draft=False)
+            removed = self._publish(connection, claim, _succeeded(result), summary, carried, edited, draft=False)
             ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(state="READY")
             execute_fenced(connection, claim, ready)
+            end_attempt(connection, claim.operation.id, None)
             if follow is not None:
                 connection.execute(insert(operations).values(queued_row(follow)))
         return removed
@@ -160,8 +168,9 @@ class JobRepository(JobQueue):
             ConflictError, NotFoundError: as `publish_within`.
         """
         with self._writing() as connection:
-            done = uncancelled(claim).values({**_succeeded(claim, result), "updated_at": time.time()})
+            done = uncancelled(claim).values({**_succeeded(result), "updated_at": time.time()})
             execute_fenced(connection, claim, done)
+            end_attempt(connection, claim.operation.id, None)
             return publish_within(connection, new)[1] if new is not None else ()
 
     def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
@@ -197,9 +206,9 @@ class JobRepository(JobQueue):
                     raise no_upload(operation_id)
             again = {
                 "state": "QUEUED", "starts": 0, "stages": [], "error": None, "cancel_requested": False,
-                "finish_requested": False, "progress_files": None, "worker": "",
-                "retries": record.retries + 1, "excluded": sorted({*record.excluded, *exclude}),
-                "updated_at": time.time(),
+                "finish_requested": False, "progress_files": None, "worker": "", "run_after": 0.0,
+                "again_after": record.state.lower(), "retries": record.retries + 1,
+                "excluded": sorted({*record.excluded, *exclude}), "updated_at": time.time(),
             }  # fmt: skip
             connection.execute(update(operations).where(here).values(again))
             return as_operation(connection.execute(select(operations).where(here)).mappings().one())
@@ -216,13 +225,14 @@ class JobRepository(JobQueue):
 
     def delete_ended(self, before: float) -> None:
         """Deletes operations without a scene that ended before a time, in seconds since 1970."""
-        without_scene = delete(operations).where(
+        unneeded = select(operations.c.id).where(
             operations.c.updated_at < before,
             operations.c.state.in_(_ENDED),
             ~exists().where(scenes.c.id == operations.c.scene_id),
         )
         with self._writing() as connection:
-            connection.execute(without_scene)
+            for column in (attempts.c.operation_id, operations.c.id):
+                connection.execute(delete(column.table).where(column.in_(unneeded)))
 
     def uploads(self, ended_since: float) -> tuple[frozenset[str], frozenset[str]]:
         """Returns the uploads that operations need, and those that they no longer need.
@@ -308,16 +318,15 @@ class JobRepository(JobQueue):
 
     def _end(self, claim: Claim, why: Literal["failed", "cancelled"], error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:
-            attempts, state = end_attempt(claim.operation, why), why.upper()
-            values = {"state": state, "error": error, "attempts": attempts, "updated_at": time.time()}
-            execute_fenced(connection, claim, fenced(claim).values(values))
+            state = why.upper()
+            execute_fenced(connection, claim, fenced(claim).values(state=state, error=error, updated_at=time.time()))
+            end_attempt(connection, claim.operation.id, why)
             unmade = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
             connection.execute(unmade.values(state=state))
 
 
-def _succeeded(claim: Claim, result: Mapping[str, Any] | None) -> dict[str, Any]:
-    result = None if result is None else dict(result)
-    return {"state": "SUCCEEDED", "result": result, "attempts": end_attempt(claim.operation, None)}
+def _succeeded(result: Mapping[str, Any] | None) -> dict[str, Any]:
+    return {"state": "SUCCEEDED", "result": None if result is None else dict(result)}
 
 
 def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from sqlalchemy import delete, func, insert, select, update
 
-from fastsplat.service.store.rows.database import Repository
+from fastsplat.service.store.rows.database import Repository, upsert
 from fastsplat.service.store.rows.records import WorkerRecord
-from fastsplat.service.store.rows.schema import workers
+from fastsplat.service.store.rows.schema import leases, workers
 
 
 class WorkerRepository(Repository):
@@ -47,6 +47,14 @@ class WorkerRepository(Repository):
         """Marks a worker as stopped, for recovery of its jobs without the timeout."""
         with self._writing() as connection:
             connection.execute(update(workers).where(workers.c.executor_id == executor_id).values(heartbeat_at=0.0))
+
+    def take_lease(self, name: str, seconds: float) -> bool:
+        """Leases a piece of work that all workers share; False while somebody has it."""
+        now = time.time()
+        # One that lasts for longer is of a machine whose clock is ahead.
+        over = ~leases.c.until.between(now, now + seconds)
+        with self._writing() as connection:
+            return upsert(connection, {leases.c.name: name, leases.c.until: now + seconds}, over)
 
     def unregister(self, executor_id: str) -> None:
         """Removes a worker without jobs; if it still lives, its next heartbeat registers it again."""

@@ -10,10 +10,10 @@ from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, del
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.repositories.name_repository import forget_names
-from fastsplat.service.store.rows.damaged_rows import are_objects, first_readable, is_name, require
+from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable, first_readable, is_name, require
 from fastsplat.service.store.rows.database import Repository
-from fastsplat.service.store.rows.records import DEFAULT_PROJECT, Attempt, NewJob, OperationRecord, SceneRecord
-from fastsplat.service.store.rows.schema import operations, scene_photos, scene_versions, scenes
+from fastsplat.service.store.rows.records import DEFAULT_PROJECT, AttemptRecord, NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.rows.schema import QUEUED, attempts, operations, scene_photos, scene_versions, scenes
 from fastsplat_contract.errors import ArtefactError, ConflictError, NotFoundError, NotReadyError
 from fastsplat_contract.jobs.operations import OperationState
 from fastsplat_contract.messages.scenes import SceneState
@@ -169,6 +169,15 @@ class SceneRepository(Repository):
         with self._reading() as connection:
             return first_readable(connection, query, limit, as_operation)
 
+    def attempts_of(self, operation_ids: Sequence[str]) -> Mapping[str, Sequence[AttemptRecord]]:
+        """Maps operations to their readable attempts, oldest first; does not check the operations' project."""
+        query = select(attempts).where(attempts.c.operation_id.in_(operation_ids)).order_by(attempts.c.number)
+        found: dict[str, list[AttemptRecord]] = {operation_id: [] for operation_id in operation_ids}
+        with self._reading() as connection:
+            for record in each_readable(connection.execute(query).mappings(), lambda row: AttemptRecord(**row)):
+                found[record.operation_id].append(record)
+        return found
+
     def photos_of(self, scene_id: str) -> Sequence[Mapping[str, Any]]:
         """Returns a scene's photo verdicts, [] if there are none; does not check the scene's project."""
         query = select(scene_photos.c.photos).where(scene_photos.c.scene_id == scene_id)
@@ -259,6 +268,7 @@ def queued_row(job: NewJob) -> dict[str, Any]:
         "request_id": job.request_id or None, "request_digest": job.request_digest, "upload_id": job.upload_id,
         "options": dict(job.options), "kind": job.kind, "order": dict(job.order), "priority": job.priority,
         "stages": [], "created_at": now, "updated_at": now, "project": job.project,
+        "gpus": job.gpus, "memory": job.memory,
     }  # fmt: skip
 
 
@@ -288,16 +298,13 @@ def no_scene(scene_id: str) -> NotFoundError:
 def _stop(connection: Connection, operation_id: str) -> None:
     now = time.time()
     here = operations.c.id == operation_id
-    waiting = select(operations).where(here, operations.c.state == "QUEUED").with_for_update()
-    if (row := connection.execute(waiting).mappings().first()) is not None:
-        never = Attempt(number=row["attempt"], worker="", began_at=None, ended_at=now, why="cancelled")
-        before = row["attempts"] if isinstance(row["attempts"], list) else ()
-        ended = {"state": "CANCELLED", "cancel_requested": True, "attempts": [*before, never], "updated_at": now}
-        connection.execute(update(operations).where(here).values(ended))
+    ended = {"state": "CANCELLED", "cancel_requested": True, "updated_at": now}
+    if connection.execute(update(operations).where(here, QUEUED).values(ended)).rowcount:
         connection.execute(update(scenes).where(scenes.c.operation_id == operation_id).values(state="CANCELLED"))
         return
     running = update(operations).where(here, operations.c.state == "RUNNING")
-    connection.execute(running.values(cancel_requested=True, updated_at=now))
+    # Of one that was put off the next worker ends it at once.
+    connection.execute(running.values(cancel_requested=True, run_after=0.0, updated_at=now))
 
 
 def _check_trains(operation: OperationRecord) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypedDict, get_args
+from typing import Any, get_args
 
 from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, is_time, require
@@ -20,11 +20,9 @@ SECONDS_LEFT = "job_seconds_left"
 PREDICTED_S = "predicted_s"
 """Key of `OperationRecord.options`: how long its job was said to take, seconds, where that was known when it came."""
 
-MODELS = "models"
-"""Key of `OperationRecord.options`: the choice of models that a job began with, and keeps."""
-
 _SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
 _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
+_REASONS = (None, *get_args(AgainAfter))
 
 
 @dataclass(frozen=True)
@@ -66,14 +64,25 @@ class SceneRecord:
         )
 
 
-class Attempt(TypedDict):
+@dataclass(frozen=True)
+class AttemptRecord:
     """An attempt of a job; times are seconds since 1970, UTC."""
 
+    operation_id: str
     number: int  # the fencing token
     worker: str  # executor id; "" if unknown
-    began_at: float | None  # None: cancelled before it began
+    began_at: float
     ended_at: float | None  # None: not known to have ended
     why: AgainAfter | None  # reason of the end; None while it runs, and after success
+
+    def __post_init__(self) -> None:
+        require(
+            f"operation {self.operation_id}",
+            worker=isinstance(self.worker, str),
+            began_at=is_time(self.began_at),
+            ended_at=self.ended_at is None or is_time(self.ended_at),
+            why=self.why in _REASONS,
+        )
 
 
 @dataclass(frozen=True)
@@ -82,7 +91,8 @@ class OperationRecord:
 
     `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token. `progress_files` maps a kind
     ("preview", "placed") to its "file" (see `Blobs.progress_file`) and "info" (`PreviewInfo` or `PlacedInfo` as JSON).
-    A job on a finished scene has no upload but an order, and a result if it succeeded; both are JSON.
+    A job on a finished scene has no upload but an order, and a result if it succeeded; both are JSON. Workers take it
+    that offer its `gpus`, its `memory` (bytes; 0 is unknown) and, once it began, the `models` that it began with.
     """
 
     id: str
@@ -104,7 +114,11 @@ class OperationRecord:
     result: Mapping[str, Any] | None = None
     retries: int = 0  # after failure or cancellation
     excluded: Sequence[str] = ()  # paths of uploaded photos that retries left out
-    attempts: Sequence[Attempt] = ()  # oldest first
+    again_after: AgainAfter | None = None  # what ended the attempt before the newest, or before the next one
+    run_after: float = 0.0  # nobody takes it before
+    gpus: int = 0
+    memory: int = 0
+    models: ModelChoice = field(default_factory=dict)
     project: str = DEFAULT_PROJECT
     finish_requested: bool = False
     progress_files: Mapping[str, Mapping[str, Any]] | None = None
@@ -121,7 +135,8 @@ class OperationRecord:
             result=self.result is None or is_object(self.result),
             retries=isinstance(self.retries, int),
             excluded=isinstance(self.excluded, Sequence),
-            attempts=are_objects(self.attempts, *Attempt.__annotations__),
+            again_after=self.again_after in _REASONS,
+            models=is_object(self.models),
             stages=are_objects(self.stages),
             error=self.error is None or is_object(self.error),
             created_at=is_time(self.created_at),
@@ -132,17 +147,6 @@ class OperationRecord:
             progress_files=self.progress_files is None
             or (is_object(self.progress_files) and are_objects(tuple(self.progress_files.values()))),
         )
-
-    @property
-    def again_after(self) -> AgainAfter | None:
-        """The reason why the attempt before this or the next one ended; None for the first one."""
-        earlier = self.attempts if self.state == "QUEUED" else self.attempts[:-1]
-        return earlier[-1]["why"] if earlier else None
-
-    @property
-    def models(self) -> ModelChoice:
-        """The choice that the job keeps."""
-        return self.options.get(MODELS) or {}
 
     @property
     def makes_scene(self) -> bool:
@@ -173,6 +177,8 @@ class NewJob:
     order: Mapping[str, Any] = field(default_factory=dict)
     priority: int = 0
     project: str = DEFAULT_PROJECT
+    gpus: int = 0  # as in `OperationRecord`
+    memory: int = 0
 
 
 @dataclass(frozen=True)

@@ -222,14 +222,15 @@ def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_lo
 @on_both_databases()
 def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_scene(deployment: Deployment) -> None:
     ready, gone, failed = deployment.post(), deployment.post(), deployment.post("capture:fail")
-    first = deployment.start_worker()
+    often = "import fastsplat.workers.engine.worker as engine\nengine._CLEANUP_INTERVAL_S = 0.5\n"
+    first = deployment.start_worker(code=often)
     for operation in (ready, gone, failed):
         deployment.wait_over(operation)
     log = deployment.service._store.blobs.log(failed.id)
     assert log.exists()
     deployment.service.delete_scene(gone.scene_id)
     kill(first)
-    deployment.start_worker(FASTSPLAT_JOBS__ENDED_JOB_RETENTION_S="0.001")
+    deployment.start_worker(code=often, FASTSPLAT_JOBS__ENDED_JOB_RETENTION_S="0.001")
 
     deployment.wait_for(lambda: not log.exists())
     listed = deployment.service._store.scenes.list_operations

@@ -15,7 +15,7 @@ from fastsplat.service.store.blobs.file_digests import write_digests
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.engine import supervisor as supervising
-from fastsplat.workers.engine.supervisor import Supervisor
+from fastsplat.workers.engine.supervisor import ReturnedError, Supervisor
 from fastsplat.workers.kinds.job_kinds import KINDS
 
 _JOBS = JobSettings(progress_interval_s=1e-6, max_starts=3)
@@ -60,8 +60,6 @@ def _starts_until_given_up(
     attempts: list[float] = []
 
     def start(*_: object, **__: object) -> _Trainer:
-        if len(attempts) == len(reached):
-            raise _PowerCutError
         attempts.append(reached[len(attempts)])
         return _Trainer([attempts[-1] * part / 8 for part in range(9)])
 
@@ -71,15 +69,13 @@ def _starts_until_given_up(
         claim = store.jobs.claim("job")
         assert claim is not None
         worker = Supervisor(store, settings, claim, KINDS["create_scene"], threading.Event())
-        if worker.start_limit_error() is not None:
+        if worker.start_limit_error() is not None or len(attempts) == len(reached):
             return len(attempts)
         if not trainer_alone:  # the worker dies with it, and says nothing any more
             monkeypatch.setattr(worker, "_after_crash", _cut)
         try:
             outcome = worker.run_stage("training")
-        except _PowerCutError:
-            if len(attempts) == len(reached) or trainer_alone:
-                return len(attempts)
+        except (ReturnedError, _PowerCutError):
             continue
         assert outcome.error is not None and outcome.error["reason"] == "TRAINER_CRASHED"
         return len(attempts)
