@@ -58,20 +58,14 @@ def test_a_job_is_its_workers_until_that_gives_it_back_or_is_dead(store: Store) 
     store.jobs.take_back("two")
     assert store.jobs.owners() == {}
     store.scenes.create(replace(job(3), priority=100))
-    assert [store.jobs.claim_next("three").operation.id for _ in range(3)] == ["op1", "op2", "op3"]
+    claims = [store.jobs.claim_next("three") for _ in range(3)]
+    assert [claim.operation.id for claim in claims] == ["op1", "op2", "op3"]
     with pytest.raises(FencedError):
         store.jobs.check(second)
-
-
-def test_what_is_over_stays_as_it_was_when_its_worker_dies(store: Store) -> None:
-    for number in (1, 2):
-        store.scenes.create(job(number))
-    done, begun = (store.jobs.claim_next("worker") for _ in range(2))
-    store.jobs.succeed(done, SUMMARY)
-    store.jobs.take_back("worker")
-    with store.engine.connect() as connection:
-        rows = connection.execute(select(operations.c.id, operations.c.worker).order_by(operations.c.id)).all()
-    assert rows == [("op1", "worker"), ("op2", "")] and begun.operation.id == "op2"
+    store.jobs.succeed(claims[0], SUMMARY)
+    store.jobs.take_back("three")
+    with store.engine.connect() as connection:  # what is over stays as it was
+        assert connection.scalars(select(operations.c.worker).order_by(operations.c.id)).all() == ["three", "", ""]
 
 
 def test_a_job_keeps_the_models_that_it_began_with_and_goes_to_who_has_them(store: Store) -> None:
@@ -100,6 +94,9 @@ def test_those_that_claim_at_once_have_a_job_each(store: Store) -> None:
     claims = at_once(*(partial(store.jobs.claim_next, f"worker{number}") for number in range(6)))
     assert sorted(claim.operation.id for claim in claims) == [f"op{number}" for number in range(6)]
     assert len(store.jobs.owners()) == 6
+    store.scenes.create(job(6))
+    again = at_once(*[partial(store.jobs.claim, "op6")] * 16)
+    assert sorted(claim.attempt for claim in again) == list(range(1, 17))
 
 
 def test_a_job_whose_trainer_died_is_put_off_while_others_run(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -202,7 +202,8 @@ class Supervisor:
         if self._job.is_cancelled():
             return CANCELLED
         pause = _FIRST_PAUSE * 2 ** min(starts - 1, _DOUBLINGS)
-        self._job.release(self._progress.rows, pause * self._settings.jobs.poll_interval_s)
+        self._job.note_completed(self._progress.rows, starts)
+        self._job.release(pause * self._settings.jobs.poll_interval_s)
         raise ReturnedError
 
     def _note_completed_stages(self, starts: int) -> None:

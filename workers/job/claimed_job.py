@@ -174,7 +174,7 @@ class ClaimedJob:
 
     @patient
     def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
-        """Writes progress of a completed stage, and the new start count."""
+        """Writes progress and the new start count."""
         self._report(stages, starts)
 
     @patient
@@ -208,10 +208,8 @@ class ClaimedJob:
         )
 
     @patient
-    def release(self, stages: Sequence[Mapping[str, Any]] = (), pause_s: float | None = None) -> None:
-        """Returns the job unfinished; with `pause_s` also its progress, as `JobRepository.release`."""
-        if pause_s is not None:
-            self._report(stages, None)
+    def release(self, pause_s: float | None = None) -> None:
+        """Returns the job unfinished, as `JobRepository.release`."""
         self._jobs.release(self.claim, pause_s)
 
     @patient

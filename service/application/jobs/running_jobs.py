@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from fastsplat.service.application.answering.project_context import ProjectContext
@@ -46,20 +47,11 @@ class RunningJobs:
 
     def operation(self, record: OperationRecord) -> Operation:
         """Converts an operation row for callers; raises `ArtefactError` if it is damaged."""
-        attempts = self._context.store.scenes.attempts_of((record.id,))[record.id]
-        return operation_of(record, self._worker_of(record), self._queue.ahead((record,)).get(record.id), attempts)
+        return self._converting((record,))(record)
 
     def operations(self, records: Sequence[OperationRecord]) -> tuple[Operation, ...]:
         """Converts many operation rows, skipping unreadable ones."""
-        ahead, attempts = (
-            self._queue.ahead(records),
-            self._context.store.scenes.attempts_of([job.id for job in records]),
-        )
-
-        def convert(job: OperationRecord) -> Operation:
-            return operation_of(job, self._worker_of(job), ahead.get(job.id), attempts[job.id])
-
-        return tuple(each_readable(records, convert))
+        return tuple(each_readable(records, self._converting(records)))
 
     def finish(self, operation_id: str) -> Operation:
         """Ends a job's training early, after at least 250 steps, and keeps its scene.
@@ -139,6 +131,10 @@ class RunningJobs:
             if content is not None:
                 return entry["info"], content
             before = entry  # replaced since the row was read: read again
+
+    def _converting(self, records: Sequence[OperationRecord]) -> Callable[[OperationRecord], Operation]:
+        ahead, runs = self._queue.ahead(records), self._context.store.jobs.attempts_of([job.id for job in records])
+        return lambda job: replace(operation_of(job, self._worker_of(job), ahead.get(job.id)), attempts=runs[job.id])
 
     def _worker_of(self, record: OperationRecord) -> WorkerState | None:
         if record.state in FINAL_STATES:

@@ -20,18 +20,11 @@ from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quali
 from fastsplat.service.scene.artefact.upright import vertical_of
 from fastsplat.service.store.rows.codec import camera_from_json
 from fastsplat.service.store.rows.damaged_rows import decodes
-from fastsplat.service.store.rows.records import SECONDS_LEFT, AttemptRecord, OperationRecord, SceneRecord
+from fastsplat.service.store.rows.records import SECONDS_LEFT, OperationRecord, SceneRecord
 from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.geometry.poses import Pose, Vector3, quaternion_of
 from fastsplat_contract.jobs.job_watching import DraftInfo, PlacedInfo, PreviewInfo, WorkerState
-from fastsplat_contract.jobs.operations import (
-    FINAL_STATES,
-    RESULTS,
-    JobAttempt,
-    Operation,
-    OperationError,
-    StageProgress,
-)
+from fastsplat_contract.jobs.operations import FINAL_STATES, RESULTS, Operation, OperationError, StageProgress
 from fastsplat_contract.messages.scenes import (
     DictionaryEntry,
     ScaleSource,
@@ -55,12 +48,7 @@ def left_out_to_json(upload: ValidatedUpload) -> dict[str, Any]:
 
 
 @decodes("operation")
-def operation_of(
-    record: OperationRecord,
-    worker: WorkerState | None = None,
-    ahead: Ahead | None = None,
-    attempts: Sequence[AttemptRecord] = (),
-) -> Operation:
+def operation_of(record: OperationRecord, worker: WorkerState | None = None, ahead: Ahead | None = None) -> Operation:
     """Converts an operation row, without non-finite metrics; `worker` is None when done."""
     jobs_ahead, starts_in_s = (None, math.inf) if ahead is None else ahead
     error, done = record.error, record.state in FINAL_STATES
@@ -86,16 +74,9 @@ def operation_of(
         draft=DraftInfo(**files["draft"]["info"]) if "draft" in files else None,
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
         again_after=record.again_after,
-        attempts=tuple(map(_attempt_of, attempts)),
         left_out={**record.options.get(_LEFT_OUT, {}), **dict.fromkeys(record.excluded, ON_REQUEST)},
         **_result_of(record),
     )
-
-
-def _attempt_of(record: AttemptRecord) -> JobAttempt:
-    """Converts an attempt row; of the worker's id without host and process, which callers need not know."""
-    ended_at = None if record.ended_at is None else _time(record.ended_at)
-    return JobAttempt(record.number, record.worker.rpartition("-")[2], _time(record.began_at), ended_at, record.why)
 
 
 def _result_of(record: OperationRecord) -> dict[str, Any]:

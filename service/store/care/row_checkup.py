@@ -10,10 +10,11 @@ from sqlalchemy import Column, RowMapping, Table, select
 
 from fastsplat.service.store.blobs.object_store import ObjectStoreBlobs
 from fastsplat.service.store.care.checkup import Problem
+from fastsplat.service.store.queue.claims import as_attempt
 from fastsplat.service.store.repositories.key_repository import ROLES
 from fastsplat.service.store.repositories.scene_repository import as_operation, read_verdicts
 from fastsplat.service.store.repositories.version_repository import VersionRecord
-from fastsplat.service.store.rows.records import AttemptRecord, OperationRecord, SceneRecord
+from fastsplat.service.store.rows.records import OperationRecord, SceneRecord
 from fastsplat.service.store.rows.schema import (
     api_keys,
     attempts,
@@ -82,7 +83,7 @@ def check_rows(
     for row in rows[operations.name]:
         yield from _unreadable(operations, row, lambda row: read_operation(as_operation(row)))
     for row in rows[attempts.name]:
-        yield from _unreadable(attempts, row, lambda row: AttemptRecord(**row))
+        yield from _unreadable(attempts, row, as_attempt)
     authors = {"", *(row["name"] for row in rows[api_keys.name])}
     for row in rows[scene_versions.name]:
         yield from _unreadable(scene_versions, row, lambda row: read_version(VersionRecord(**row)))

@@ -5,19 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Update, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, RowMapping, Update, and_, func, insert, select, update
 
 from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.store.repositories.scene_repository import as_operation
-from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable, first_readable
+from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable, first_readable, is_time, require
 from fastsplat.service.store.rows.database import Repository, upsert
-from fastsplat.service.store.rows.records import OperationRecord
+from fastsplat.service.store.rows.records import REASONS, OperationRecord
 from fastsplat.service.store.rows.schema import QUEUE_ORDER, QUEUED, attempts, operations, turns
-from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, OperationState
+from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, JobAttempt, OperationState
 
 LONGEST_PAUSE_S = 600.0
 """Jobs to be run later than this from now are due: the clock of the machine that put them off was ahead."""
@@ -40,11 +41,15 @@ class Claim:
     attempt: int
 
 
+def newest(claim: Claim) -> ColumnElement[bool]:
+    """Builds the condition that a claim is its job's newest, and the job unfinished."""
+    rows = operations.c
+    return and_(rows.id == claim.operation.id, rows.attempt == claim.attempt, rows.state == "RUNNING")
+
+
 def fenced(claim: Claim) -> Update:
     """Builds an update of an unfinished operation that only its newest claim can make."""
-    return update(operations).where(
-        operations.c.id == claim.operation.id, operations.c.attempt == claim.attempt, operations.c.state == "RUNNING"
-    )
+    return update(operations).where(newest(claim))
 
 
 def uncancelled(claim: Claim) -> Update:
@@ -66,12 +71,6 @@ def execute_fenced(connection: Connection, claim: Claim, statement: Update) -> N
 
 class JobQueue(Repository):
     """The job queue; each method is one or two transactions and may raise `DatabaseError`."""
-
-    def waiting(self) -> Sequence[OperationRecord]:
-        """Lists unclaimed operations, those begun before queued ones, by priority and age."""
-        query = select(operations).where(_BEGUN | QUEUED).order_by(operations.c.state.desc(), *QUEUE_ORDER)
-        with self._reading() as connection:
-            return each_readable(connection.execute(query).mappings(), as_operation)
 
     def claim_next(
         self,
@@ -112,10 +111,10 @@ class JobQueue(Repository):
         several, the one whose latest claim is longest ago, then the one whose next job has waited longest. Within a
         project priority decides, then age.
         """
-        waiting = self.waiting()
         with self._reading() as connection:
-            projects = _projects_in_turn(connection)
-        queued: dict[str, list[OperationRecord]] = {project: [] for project in projects}
+            rows = connection.execute(select(operations).where(_BEGUN | QUEUED).order_by(*QUEUE_ORDER)).mappings()
+            waiting = each_readable(rows, as_operation)
+            queued: dict[str, list[OperationRecord]] = {project: [] for project in _projects_in_turn(connection)}
         for job in waiting:
             if job.state == "QUEUED":
                 queued.setdefault(job.project, []).append(job)
@@ -139,6 +138,15 @@ class JobQueue(Repository):
             row = connection.execute(waiting).mappings().first()
             job = None if row is None else as_operation(row)
             return None if job is None else _begin(connection, job, worker, job.models)
+
+    def attempts_of(self, operation_ids: Sequence[str]) -> Mapping[str, tuple[JobAttempt, ...]]:
+        """Maps operations to their readable attempts, oldest first."""
+        query = select(attempts).where(attempts.c.operation_id.in_(operation_ids)).order_by(attempts.c.number)
+        found: dict[str, tuple[JobAttempt, ...]] = dict.fromkeys(operation_ids, ())
+        with self._reading() as connection:
+            for row in connection.execute(query).mappings():
+                found[row["operation_id"]] += tuple(each_readable((row,), as_attempt))
+        return found
 
     def owners(self) -> Mapping[str, float]:
         """Maps workers with unfinished jobs to the latest update of these, in seconds since 1970."""
@@ -175,6 +183,15 @@ class JobQueue(Repository):
         with self._reading() as connection:
             rows = connection.execute(query).all()
         return [(row.id, row.updated_at, row.stages) for row in rows if are_objects(row.stages)]
+
+
+def as_attempt(row: RowMapping) -> JobAttempt:
+    """Converts a row; of the worker's id without host and process, which callers need not know."""
+    times = row["began_at"], row["ended_at"]
+    readable = is_time(times[0]) and (times[1] is None or is_time(times[1])) and row["why"] in REASONS
+    require(f"operation {row['operation_id']}", attempts=readable)
+    began_at, ended_at = (None if moment is None else datetime.fromtimestamp(moment, UTC) for moment in times)
+    return JobAttempt(row["number"], row["worker"].rpartition("-")[2], began_at, ended_at, row["why"])
 
 
 def _projects_in_turn(connection: Connection) -> Sequence[str]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from itertools import compress
+from typing import Any, Literal, get_args
 
 from sqlalchemy import Connection, delete, exists, insert, select, update
 
@@ -18,6 +19,7 @@ from fastsplat.service.store.queue.claims import (
     end_attempt,
     execute_fenced,
     fenced,
+    newest,
     uncancelled,
 )
 from fastsplat.service.store.repositories.name_repository import forget_names
@@ -40,9 +42,8 @@ from fastsplat.service.store.rows.damaged_rows import each_readable
 from fastsplat.service.store.rows.records import NewJob, OperationRecord, SceneSummary
 from fastsplat.service.store.rows.schema import attempts, operations, scene_versions, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError
-from fastsplat_contract.jobs.operations import AgainAfter
+from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter
 
-_ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
 _UNFINISHED = ("QUEUED", "RUNNING")
 _RETRIED = ("FAILED", "CANCELLED")
 _REQUESTED = (operations.c.cancel_requested, operations.c.finish_requested)
@@ -93,7 +94,7 @@ class JobRepository(JobQueue):
                 values["progress_files"] = {kind: dict(entry) for kind, entry in progress_files.items()}
             execute_fenced(connection, claim, fenced(claim).values(values))
             requested = connection.execute(select(*_REQUESTED).where(operations.c.id == claim.operation.id)).one()
-            return _requests(tuple(requested))
+            return _requests(requested)
 
     def record_photos(self, claim: Claim, photos: Sequence[Mapping[str, Any]]) -> None:
         """Writes the photo verdicts of the job's scene, as JSON objects."""
@@ -103,16 +104,11 @@ class JobRepository(JobQueue):
 
     def check(self, claim: Claim) -> frozenset[JobRequest]:
         """Returns the pending requests to the job, without writing."""
-        query = select(*_REQUESTED).where(
-            operations.c.id == claim.operation.id,
-            operations.c.attempt == claim.attempt,
-            operations.c.state == "RUNNING",
-        )
         with self._reading() as connection:
-            requested = connection.execute(query).first()
+            requested = connection.execute(select(*_REQUESTED).where(newest(claim))).first()
         if requested is None:
             raise FencedError(claim.operation.id)
-        return _requests(tuple(requested))
+        return _requests(requested)
 
     def publish_draft(
         self, claim: Claim, summary: SceneSummary, carried: Sequence[NewVersion] = (), *, edited: str = ""
@@ -215,7 +211,7 @@ class JobRepository(JobQueue):
 
     def over(self, run_ids: Sequence[str]) -> frozenset[str]:
         """Filters run ids to those ended or unknown; operations with unreadable rows count as running."""
-        unfinished = select(operations).where(operations.c.state.not_in(_ENDED))
+        unfinished = select(operations).where(operations.c.state.not_in(FINAL_STATES))
         with self._reading() as connection:
             rows = connection.execute(unfinished).mappings().all()
         records = {record.id: record.run_id for record in each_readable(rows, as_operation)}
@@ -227,7 +223,7 @@ class JobRepository(JobQueue):
         """Deletes operations without a scene that ended before a time, in seconds since 1970."""
         unneeded = select(operations.c.id).where(
             operations.c.updated_at < before,
-            operations.c.state.in_(_ENDED),
+            operations.c.state.in_(FINAL_STATES),
             ~exists().where(scenes.c.id == operations.c.scene_id),
         )
         with self._writing() as connection:
@@ -302,11 +298,7 @@ class JobRepository(JobQueue):
         elif records:
             connection.execute(delete(scene_versions).where(_ROWS.scene_id == scene_id))
             forget_names(connection, scene_id)
-        columns: dict[str, Any] = {
-            "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
-            "dictionary": [dict(row) for row in summary.dictionary], "cameras": [dict(row) for row in summary.cameras],
-            "quality": dict(summary.quality), "scaling": None, "alignment": None, "objects": summary.objects,
-        }  # fmt: skip
+        columns: dict[str, Any] = {**vars(summary), "scaling": None, "alignment": None}
         connection.execute(update(scenes).where(scenes.c.id == scene_id).values(columns))
         if draft and records:
             row = version_row(trained_version(replace(scene, **columns)))
@@ -330,5 +322,4 @@ def _succeeded(result: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:
-    names: tuple[JobRequest, ...] = ("cancel", "finish")
-    return frozenset(name for name, requested in zip(names, row, strict=True) if requested)
+    return frozenset(compress(get_args(JobRequest), row))

@@ -27,21 +27,13 @@ class WorkerRepository(Repository):
 
     def list_workers(self) -> Sequence[WorkerRecord]:
         with self._reading() as connection:
-            rows = connection.execute(select(workers)).all()
-        return [WorkerRecord(row.executor_id, row.host, row.pid, row.started_at, row.heartbeat_at) for row in rows]
+            return [WorkerRecord(*row) for row in connection.execute(select(workers))]
 
-    def alive_on(self, host: str, timeout_s: float) -> bool:
-        """True if a worker on this host had a heartbeat in the last `timeout_s` seconds."""
-        fresh = workers.c.heartbeat_at >= time.time() - timeout_s
-        query = select(workers.c.executor_id).where(workers.c.host == host, fresh).limit(1)
-        with self._reading() as connection:
-            return connection.execute(query).first() is not None
-
-    def alive(self, timeout_s: float) -> int:
-        """Counts the workers with a heartbeat in the last `timeout_s` seconds."""
+    def alive(self, timeout_s: float, host: str | None = None) -> int:
+        """Counts the workers (of a host; None: of all) with a heartbeat in the last `timeout_s` seconds."""
         query = select(func.count()).where(workers.c.heartbeat_at >= time.time() - timeout_s)
         with self._reading() as connection:
-            return connection.scalar(query) or 0
+            return connection.scalar(query if host is None else query.where(workers.c.host == host)) or 0
 
     def mark_stopped(self, executor_id: str) -> None:
         """Marks a worker as stopped, for recovery of its jobs without the timeout."""

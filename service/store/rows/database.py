@@ -7,11 +7,11 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import URL, Column, ColumnElement, Connection, Engine, create_engine, event, make_url
-from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, SQLAlchemyError
 
 from fastsplat.service.store.rows.damaged_rows import read_json
@@ -115,7 +115,7 @@ class Repository:
 
 def upsert(connection: Connection, row: Mapping[Column[Any], Any], only: ColumnElement[bool] | None = None) -> bool:
     """Inserts a row, or updates that of the same primary key if `only` holds there; False if it does not."""
-    dialect: Any = sqlite if connection.dialect.name == "sqlite" else postgresql
+    dialect = import_module(f"sqlalchemy.dialects.{connection.dialect.name}")
     values = {column.name: value for column, value in row.items()}
     table = next(iter(row)).table
     statement = dialect.insert(table).values(values)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, get_args
 
 from fastsplat.service.common.setting_groups import ModelChoice
-from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, is_time, require
+from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, require_fields
 from fastsplat_contract.jobs.operations import AgainAfter, OperationKind, OperationState
 from fastsplat_contract.messages.scenes import Scale, SceneState
 
@@ -20,9 +20,7 @@ SECONDS_LEFT = "job_seconds_left"
 PREDICTED_S = "predicted_s"
 """Key of `OperationRecord.options`: how long its job was said to take, seconds, where that was known when it came."""
 
-_SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
-_KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
-_REASONS = (None, *get_args(AgainAfter))
+REASONS = (None, *get_args(AgainAfter))
 
 
 @dataclass(frozen=True)
@@ -46,42 +44,12 @@ class SceneRecord:
     objects: int = 0
 
     def __post_init__(self) -> None:
-        require(
+        require_fields(
             f"scene {self.id}",
-            name=isinstance(self.name, str),
-            operation_id=isinstance(self.operation_id, str),
-            state=self.state in _SCENE_STATES,
+            self,
             version=is_name(self.version) or (self.version == "" and self.state != "READY"),
-            created_at=is_time(self.created_at),
-            gaussians=isinstance(self.gaussians, int),
-            scale=self.scale in _SCALES,
             dictionary=are_objects(self.dictionary, "label_id", "label"),
             cameras=are_objects(self.cameras, "name"),
-            quality=is_object(self.quality),
-            scaling=self.scaling is None or is_object(self.scaling),
-            alignment=self.alignment is None or is_object(self.alignment),
-            objects=isinstance(self.objects, int),
-        )
-
-
-@dataclass(frozen=True)
-class AttemptRecord:
-    """An attempt of a job; times are seconds since 1970, UTC."""
-
-    operation_id: str
-    number: int  # the fencing token
-    worker: str  # executor id; "" if unknown
-    began_at: float
-    ended_at: float | None  # None: not known to have ended
-    why: AgainAfter | None  # reason of the end; None while it runs, and after success
-
-    def __post_init__(self) -> None:
-        require(
-            f"operation {self.operation_id}",
-            worker=isinstance(self.worker, str),
-            began_at=is_time(self.began_at),
-            ended_at=self.ended_at is None or is_time(self.ended_at),
-            why=self.why in _REASONS,
         )
 
 
@@ -124,29 +92,9 @@ class OperationRecord:
     progress_files: Mapping[str, Mapping[str, Any]] | None = None
 
     def __post_init__(self) -> None:
-        require(
-            f"operation {self.id}",
-            scene_id=isinstance(self.scene_id, str),
-            state=self.state in _OPERATION_STATES,
-            upload_id=isinstance(self.upload_id, str),
-            options=is_object(self.options),
-            kind=self.kind in _KINDS,
-            order=is_object(self.order),
-            result=self.result is None or is_object(self.result),
-            retries=isinstance(self.retries, int),
-            excluded=isinstance(self.excluded, Sequence),
-            again_after=self.again_after in _REASONS,
-            models=is_object(self.models),
-            stages=are_objects(self.stages),
-            error=self.error is None or is_object(self.error),
-            created_at=is_time(self.created_at),
-            updated_at=is_time(self.updated_at),
-            attempt=isinstance(self.attempt, int),
-            starts=isinstance(self.starts, int),
-            priority=isinstance(self.priority, int),
-            progress_files=self.progress_files is None
-            or (is_object(self.progress_files) and are_objects(tuple(self.progress_files.values()))),
-        )
+        files = self.progress_files
+        readable = files is None or (is_object(files) and are_objects(tuple(files.values())))
+        require_fields(f"operation {self.id}", self, progress_files=readable)
 
     @property
     def makes_scene(self) -> bool:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import sqlalchemy as sa
 from alembic import op
 
@@ -14,8 +11,6 @@ from fastsplat_contract.jobs.operations import FINAL_STATES
 
 revision = "0005"
 down_revision = "0004"
-_JSON = ("options", "attempts")
-_ATTEMPT = ("number", "worker", "began_at", "ended_at", "why")
 
 
 def upgrade() -> None:
@@ -25,16 +20,15 @@ def upgrade() -> None:
     there = {column["name"] for column in sa.inspect(connection).get_columns("operations")}
     if "attempts" not in there:
         return
-    for column in _columns():
-        if column.name not in there:
-            op.add_column("operations", column)
-    columns = sa.column("id"), sa.column("state"), *(sa.column(name, sa.JSON) for name in _JSON)
+    for name in {"run_after", "again_after", "gpus", "memory", "models"} - there:
+        new = operations.c[name]
+        op.add_column("operations", sa.Column(name, new.type, nullable=new.nullable, server_default=new.server_default))
+    columns = sa.column("id"), sa.column("state"), sa.column("options", sa.JSON), sa.column("attempts", sa.JSON)
     for row in connection.execute(sa.select(*columns).select_from(operations)).all():
-        past = [dict(attempt) for attempt in row.attempts] if are_objects(row.attempts, *_ATTEMPT) else []
+        past = row.attempts if are_objects(row.attempts, "number", "worker", "began_at", "ended_at", "why") else []
         for attempt in past:
             if attempt["began_at"] is not None:
-                values = {name: attempt[name] for name in _ATTEMPT}
-                connection.execute(sa.insert(attempts).values(operation_id=row.id, **values))
+                connection.execute(sa.insert(attempts).values(operation_id=row.id, **attempt))
         over = row.state in FINAL_STATES
         before = past[:-1] if over else [attempt for attempt in past if attempt["ended_at"] is not None]
         changes = {"again_after": before[-1]["why"] if before else None}
@@ -48,13 +42,3 @@ def upgrade() -> None:
         batch.drop_column("attempts")
     for index in operations.indexes:
         index.create(connection, checkfirst=True)
-
-
-def _columns() -> Sequence[sa.Column[Any]]:
-    return (
-        sa.Column("run_after", sa.Double, nullable=False, server_default="0"),
-        sa.Column("again_after", sa.String(16), nullable=True),
-        sa.Column("gpus", sa.Integer, nullable=False, server_default="0"),
-        sa.Column("memory", sa.BigInteger, nullable=False, server_default="0"),
-        sa.Column("models", sa.JSON, nullable=False, server_default="{}"),
-    )
