@@ -42,8 +42,8 @@ EXIT_FENCED = 75
 """Exit status after losing a job to another worker; restart it (EX_TEMPFAIL)."""
 _EXIT_FAILED = 70
 _CLEANUP_INTERVAL_S = 30.0  # of folders, uploads, logs and rows
-_STORAGE_CLEANUP_INTERVAL_S = 1800.0  # it may list a whole object store
-_MARGIN_S = 1.0  # by which one worker's cleanup bars its own next one, so that all machines come to clean their folders
+_STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
+_MARGIN_S = 1.0  # by which a cleanup bars its worker's next one, so that each machine comes to clean its folder
 
 _ROWS_BYTES = 1 << 20
 _FULL_PAUSE_S = 5.0
@@ -75,7 +75,6 @@ def start(worker: Worker) -> None:
     _repeat(worker, "run jobs", partial(_run_waiting, worker), jobs.poll_interval_s)
     _repeat(worker, "prune stalled workers", heartbeats.prune_stalled, jobs.stalled_worker_timeout_s / 2)
     _repeat(worker, "cleanup", partial(_clean_up, worker), _CLEANUP_INTERVAL_S)
-    _repeat(worker, "storage cleanup", partial(_clean_up_storage, worker), _STORAGE_CLEANUP_INTERVAL_S)
 
 
 def stop(worker: Worker, patience_s: float = 15.0) -> None:
@@ -145,13 +144,9 @@ def _clean_up(worker: Worker) -> None:
         uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
         remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
         trash_lost_scenes(store, now)
-
-
-def _clean_up_storage(worker: Worker) -> None:
-    store = worker.store
-    if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S + _MARGIN_S):
+    if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S):
         store.blobs.remove_partial(PARTIAL_EXPIRY_S)
-        trash_lost_versions(store, min(time.time(), ActivityClock(store.blobs.root).now()))
+        trash_lost_versions(store, min(time.time(), now))
 
 
 def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> None:

@@ -213,7 +213,7 @@ def _begin(connection: Connection, job: OperationRecord, worker: str, models: Mo
     """Begins an attempt of a job whose row is locked; one that has not ended ends with its worker."""
     died = end_attempt(connection, job.id, "worker_died")
     now, number = time.time(), job.attempt + 1
-    changes = {
+    changes: dict[str, Any] = {
         "state": "RUNNING", "attempt": number, "starts": job.starts + 1, "models": dict(models), "updated_at": now,
         "again_after": "worker_died" if died else job.again_after,
     }  # fmt: skip

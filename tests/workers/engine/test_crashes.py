@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from fastsplat.cli.operating.serve import worker_roles
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from tests.postgres import PostgresServer
 from tests.workers.deployment import STAGES, Deployment, kill, on_both_databases
 
@@ -133,6 +134,19 @@ def test_workers_of_two_devices_work_at_once_and_their_trainers_see_that_device_
     assert {note["FASTSPLAT_DATABASE_URL"] for note in notes} == {note["AWS_SECRET_ACCESS_KEY"] for note in notes}
     assert notes[0]["AWS_SECRET_ACCESS_KEY"] is None
     assert {note["niceness"] for note in notes} == {min(19, os.getpriority(os.PRIO_PROCESS, 0) + 1)}
+
+
+def test_a_job_that_trains_on_a_gpu_waits_for_a_worker_that_has_one(tmp_path: Path) -> None:
+    with closing(Deployment(tmp_path, "", training=TrainingSettings(backend="cuda"))) as deployment:
+        store = deployment.service._store
+        deployment.start_worker()
+        deployment.start_worker(FASTSPLAT_TRAINING__BACKEND="cuda", CUDA_VISIBLE_DEVICES="")
+        deployment.wait_for(lambda: len(store.workers.list_workers()) == 2)
+        operation = deployment.post("training:sleep 600")
+        worker = deployment.start_worker(FASTSPLAT_TRAINING__BACKEND="cuda", CUDA_VISIBLE_DEVICES="0")
+        deployment.wait_in("training", operation)
+        (owner,) = store.jobs.owners()
+        assert f"-{worker.pid}-" in owner
 
 
 @on_both_databases()
