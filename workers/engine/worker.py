@@ -88,9 +88,9 @@ def stop(worker: Worker, patience_s: float = 15.0) -> None:
 
 def _run_waiting(worker: Worker) -> None:
     while not worker.stopping.is_set():
-        choice = worker.store.models.chosen()
-        offers = {"gpus": _gpus(worker.settings), "memory": machine_bytes()}
-        claim = worker.store.jobs.claim_next(worker.executor_id, choice, partial(_can_use, worker), **offers)
+        models = worker.store.models.chosen(), partial(_can_use, worker)
+        has = {"gpus": _gpus(worker.settings), "memory": machine_bytes()}
+        claim = worker.store.jobs.claim_next(worker.executor_id, *models, **has)
         if claim is None:
             return
         _run(worker, claim)

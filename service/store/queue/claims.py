@@ -187,11 +187,13 @@ class JobQueue(Repository):
 
 def as_attempt(row: RowMapping) -> JobAttempt:
     """Converts a row; of the worker's id without host and process, which callers need not know."""
-    times = row["began_at"], row["ended_at"]
-    readable = is_time(times[0]) and (times[1] is None or is_time(times[1])) and row["why"] in REASONS
+    began_at, ended_at, why = row["began_at"], row["ended_at"], row["why"]
+    readable = is_time(began_at) and (ended_at is None or is_time(ended_at)) and why in REASONS
     require(f"operation {row['operation_id']}", attempts=readable)
-    began_at, ended_at = (None if moment is None else datetime.fromtimestamp(moment, UTC) for moment in times)
-    return JobAttempt(row["number"], row["worker"].rpartition("-")[2], began_at, ended_at, row["why"])
+    ended = None if ended_at is None else datetime.fromtimestamp(ended_at, UTC)
+    return JobAttempt(
+        row["number"], row["worker"].rpartition("-")[2], datetime.fromtimestamp(began_at, UTC), ended, why
+    )
 
 
 def _projects_in_turn(connection: Connection) -> Sequence[str]:

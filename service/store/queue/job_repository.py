@@ -86,12 +86,9 @@ class JobRepository(JobQueue):
             starts: new count of starts, as the job made progress.
             progress_files: see `OperationRecord`.
         """
+        changes = {"stages": stages, "starts": starts, "progress_files": progress_files, "updated_at": time.time()}
+        values = {name: value for name, value in changes.items() if value is not None}
         with self._writing() as connection:
-            values: dict[str, Any] = {"stages": [dict(stage) for stage in stages], "updated_at": time.time()}
-            if starts is not None:
-                values["starts"] = starts
-            if progress_files is not None:
-                values["progress_files"] = {kind: dict(entry) for kind, entry in progress_files.items()}
             execute_fenced(connection, claim, fenced(claim).values(values))
             requested = connection.execute(select(*_REQUESTED).where(operations.c.id == claim.operation.id)).one()
             return _requests(requested)
