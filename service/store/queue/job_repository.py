@@ -63,7 +63,7 @@ class JobRepository(JobQueue):
         Its start does not count. With `pause_s`, seconds for which nobody claims it, its trainer died and it counts.
         """
         why: AgainAfter = "worker_stopped" if pause_s is None else "trainer_died"
-        now, starts = time.time(), operations.c.starts - (pause_s is None)
+        now, starts = time.time(), operations.c.starts - int(pause_s is None)
         run_after = now + min(pause_s or 0.0, LONGEST_PAUSE_S)
         values = {"starts": starts, "worker": "", "again_after": why, "run_after": run_after, "updated_at": now}
         with self._writing() as connection:
