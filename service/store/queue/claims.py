@@ -10,7 +10,7 @@ from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from sqlalchemy import ColumnElement, Connection, RowMapping, Update, and_, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, RowMapping, Select, Update, and_, func, insert, select, update
 
 from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.store.repositories.scene_repository import as_operation
@@ -24,6 +24,24 @@ LONGEST_PAUSE_S = 600.0
 """Jobs to be run later than this from now are due: the clock of the machine that put them off was ahead."""
 _BEGUN = (operations.c.state == "RUNNING") & (operations.c.worker == "")
 _ANY_MEMORY = 1 << 62
+
+
+def _projects_in_turn() -> Select[tuple[str]]:
+    """Selects the projects with queued jobs as `JobQueue.in_turn`, by a few look-ups in indexes for each."""
+    project = operations.c.project
+    first = select(func.min(project).label("project")).where(QUEUED)
+    found = first.cte("found", recursive=True)
+    later = first.where(project > found.c.project).scalar_subquery()
+    found = found.union_all(select(later).where(found.c.project.is_not(None)))
+    mine = project == found.c.project
+    running = select(func.count()).where(operations.c.state == "RUNNING", mine).scalar_subquery()
+    last = select(turns.c.last_at).where(turns.c.project == found.c.project).scalar_subquery()
+    age = select(operations.c.created_at).where(QUEUED, mine).order_by(*QUEUE_ORDER).limit(1).scalar_subquery()
+    query = select(found.c.project).where(found.c.project.is_not(None))
+    return query.order_by(running, func.coalesce(last, 0.0), age)
+
+
+_PROJECTS_IN_TURN = _projects_in_turn()  # built once, which takes longer than to run it
 
 JobRequest = Literal["cancel", "finish"]
 """A request to a running job: stop, or end training early and keep the result."""
@@ -90,7 +108,7 @@ class JobQueue(Repository):
         fits = due, operations.c.gpus <= gpus, operations.c.memory <= memory
         with self._reading() as connection:  # an idle worker takes no lock
             begun = each_readable(connection.execute(select(operations).where(_BEGUN, *fits)).mappings(), as_operation)
-            projects = _projects_in_turn(connection)
+            projects = connection.scalars(_PROJECTS_IN_TURN).all()
         usable = [job.id for job in begun if can_use(job.models)]
         places = [_BEGUN & operations.c.id.in_(usable)] if usable else []
         if projects and can_use(choice):  # looked at once, as thousands may wait
@@ -114,7 +132,9 @@ class JobQueue(Repository):
         with self._reading() as connection:
             rows = connection.execute(select(operations).where(_BEGUN | QUEUED).order_by(*QUEUE_ORDER)).mappings()
             waiting = each_readable(rows, as_operation)
-            queued: dict[str, list[OperationRecord]] = {project: [] for project in _projects_in_turn(connection)}
+            queued: dict[str, list[OperationRecord]] = {
+                project: [] for project in connection.scalars(_PROJECTS_IN_TURN).all()
+            }
         for job in waiting:
             if job.state == "QUEUED":
                 queued.setdefault(job.project, []).append(job)
@@ -196,24 +216,9 @@ def as_attempt(row: RowMapping) -> JobAttempt:
     )
 
 
-def _projects_in_turn(connection: Connection) -> Sequence[str]:
-    """Lists the projects with queued jobs as `in_turn`, by a few look-ups in indexes for each."""
-    project = operations.c.project
-    first = select(func.min(project).label("project")).where(QUEUED)
-    found = first.cte("found", recursive=True)
-    later = first.where(project > found.c.project).scalar_subquery()
-    found = found.union_all(select(later).where(found.c.project.is_not(None)))
-    mine = project == found.c.project
-    running = select(func.count()).where(operations.c.state == "RUNNING", mine).scalar_subquery()
-    last = select(turns.c.last_at).where(turns.c.project == found.c.project).scalar_subquery()
-    age = select(operations.c.created_at).where(QUEUED, mine).order_by(*QUEUE_ORDER).limit(1).scalar_subquery()
-    query = select(found.c.project).where(found.c.project.is_not(None))
-    return connection.scalars(query.order_by(running, func.coalesce(last, 0.0), age)).all()
-
-
 def _begin(connection: Connection, job: OperationRecord, worker: str, models: ModelChoice) -> Claim:
     """Begins an attempt of a job whose row is locked; one that has not ended ends with its worker."""
-    died = end_attempt(connection, job.id, "worker_died")
+    died = job.attempt > 0 and end_attempt(connection, job.id, "worker_died")
     now, number = time.time(), job.attempt + 1
     changes: dict[str, Any] = {
         "state": "RUNNING", "attempt": number, "starts": job.starts + 1, "models": dict(models), "updated_at": now,

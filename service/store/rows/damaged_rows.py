@@ -45,7 +45,7 @@ def require_fields(what: str, record: object, **columns: bool) -> None:
 
 
 @cache
-def _checks(record: type) -> Mapping[str, Callable[[object], bool]]:
+def _checks(record: Any) -> Mapping[str, Callable[[object], bool]]:
     return {name: _check(hint) for name, hint in typing.get_type_hints(record).items()}
 
 

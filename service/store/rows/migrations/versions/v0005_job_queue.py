@@ -23,8 +23,8 @@ def upgrade() -> None:
     for name in {"run_after", "again_after", "gpus", "memory", "models"} - there:
         new = operations.c[name]
         op.add_column("operations", sa.Column(name, new.type, nullable=new.nullable, server_default=new.server_default))
-    columns = sa.column("id"), sa.column("state"), sa.column("options", sa.JSON), sa.column("attempts", sa.JSON)
-    for row in connection.execute(sa.select(*columns).select_from(operations)).all():
+    moved = operations.c.options, sa.column("attempts", sa.JSON)
+    for row in connection.execute(sa.select(operations.c.id, operations.c.state, *moved)).all():
         past = row.attempts if are_objects(row.attempts, "number", "worker", "began_at", "ended_at", "why") else []
         for attempt in past:
             if attempt["began_at"] is not None:
