@@ -89,8 +89,8 @@ def stop(worker: Worker, patience_s: float = 15.0) -> None:
 def _run_waiting(worker: Worker) -> None:
     while not worker.stopping.is_set():
         models = worker.store.models.chosen(), partial(_can_use, worker)
-        has = {"gpus": _gpus(worker.settings), "memory": machine_bytes()}
-        claim = worker.store.jobs.claim_next(worker.executor_id, *models, **has)
+        gpus, memory = _gpus(worker.settings), machine_bytes()
+        claim = worker.store.jobs.claim_next(worker.executor_id, *models, gpus=gpus, memory=memory)
         if claim is None:
             return
         _run(worker, claim)

@@ -21,12 +21,12 @@ from fastsplat.service.store.rows.schema import QUEUE_ORDER, QUEUED, attempts, o
 from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, JobAttempt, OperationState
 
 LONGEST_PAUSE_S = 600.0
-"""Jobs to be run later than this from now are due: the clock of the machine that put them off was ahead."""
+"""Jobs put off by more than twice this are due: the clock of the machine that put them off was ahead."""
 _BEGUN = (operations.c.state == "RUNNING") & (operations.c.worker == "")
 _ANY_MEMORY = 1 << 62
 
 
-def _projects_in_turn() -> Select[tuple[str]]:
+def _projects_in_turn() -> Select[Any]:
     """Selects the projects with queued jobs as `JobQueue.in_turn`, by a few look-ups in indexes for each."""
     project = operations.c.project
     first = select(func.min(project).label("project")).where(QUEUED)
@@ -104,7 +104,7 @@ class JobQueue(Repository):
         Jobs begin with `choice`; those begun before keep their models, and are left if the worker cannot use these.
         """
         now = time.time()
-        due = ~operations.c.run_after.between(now, now + LONGEST_PAUSE_S)
+        due = ~operations.c.run_after.between(now, now + 2 * LONGEST_PAUSE_S)
         fits = due, operations.c.gpus <= gpus, operations.c.memory <= memory
         with self._reading() as connection:  # an idle worker takes no lock
             begun = each_readable(connection.execute(select(operations).where(_BEGUN, *fits)).mappings(), as_operation)

@@ -43,8 +43,8 @@ class WorkerRepository(Repository):
     def take_lease(self, name: str, seconds: float) -> bool:
         """Leases a piece of work that all workers share; False while somebody has it."""
         now = time.time()
-        # One that lasts for longer is of a machine whose clock is ahead.
-        over = ~leases.c.until.between(now, now + seconds)
+        # One that lasts for much longer is of a machine whose clock is ahead.
+        over = ~leases.c.until.between(now, now + 2 * seconds)
         with self._writing() as connection:
             return upsert(connection, {leases.c.name: name, leases.c.until: now + seconds}, over)
 

@@ -264,6 +264,7 @@ def test_who_works_on_a_job(service: SceneService, client: Client, training: Cla
     service._store.workers.update_heartbeat("somebody", "a machine", 1)
     service._store.jobs.release(again, 60.0)
     assert client.operation(training.operation.id).worker == "waiting"
+    service._store.workers.unregister("somebody")
     service._store.jobs.cancelled(again)
     assert client.operation(training.operation.id).worker is None
     service.delete_scene(queued.scene_id)
