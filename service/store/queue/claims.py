@@ -132,9 +132,8 @@ class JobQueue(Repository):
         with self._reading() as connection:
             rows = connection.execute(select(operations).where(_BEGUN | QUEUED).order_by(*QUEUE_ORDER)).mappings()
             waiting = each_readable(rows, as_operation)
-            queued: dict[str, list[OperationRecord]] = {
-                project: [] for project in connection.scalars(_PROJECTS_IN_TURN).all()
-            }
+            projects = connection.scalars(_PROJECTS_IN_TURN).all()
+        queued: dict[str, list[OperationRecord]] = {project: [] for project in projects}
         for job in waiting:
             if job.state == "QUEUED":
                 queued.setdefault(job.project, []).append(job)

@@ -38,9 +38,9 @@ def require(what: str, **columns: bool) -> None:
         raise _damaged(what, f"{', '.join(unreadable)} cannot be read")
 
 
-def require_fields(what: str, record: object, **columns: bool) -> None:
+def require_fields(what: str, record: Any, **columns: bool) -> None:
     """Checks a dataclass as `require`: `columns`, and whether other fields fit their types, where floats are times."""
-    fields = {name: fits(getattr(record, name)) for name, fits in _checks(type(record)).items()}
+    fields = {name: fits(getattr(record, name)) for name, fits in _checks(record.__class__).items()}
     require(what, **{**fields, **columns})
 
 
