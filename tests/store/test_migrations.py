@@ -163,7 +163,7 @@ def later(tmp_path: Path) -> Callable[..., Path]:
     def make(*bodies: str) -> Path:
         folder = tmp_path / f"migrations{len(bodies)}"
         shutil.copytree(_SCRIPTS, folder, dirs_exist_ok=True)
-        for number, body in enumerate(bodies, start=len(_revisions()) + 4):
+        for number, body in enumerate(bodies, start=len(_revisions()) + 3):
             lines = (
                 "import sqlalchemy as sa", "from alembic import op",
                 f"revision, down_revision = '{number:04}', '{number - 1:04}'", f"def upgrade(): {body}",
@@ -182,7 +182,7 @@ def _revisions() -> list[Any]:
 
 def test_file_names_bear_the_revisions_in_one_line() -> None:
     revisions = _revisions()
-    assert [revision.revision for revision in revisions] == [f"{n:04}" for n in range(4, len(revisions) + 4)]
+    assert [revision.revision for revision in revisions] == [f"{n:04}" for n in range(3, len(revisions) + 3)]
     assert [Path(revision.path).name[1:5] for revision in revisions] == [revision.revision for revision in revisions]
 
 

@@ -51,7 +51,6 @@ _ADVANCE = 0.01
 _forker = ThreadPoolExecutor(1, thread_name_prefix="forker")
 _GRACE_S = 2.0
 _FIRST_PAUSE = 5.0  # of a job after its first crash, in poll intervals; doubled by each further one
-_DOUBLINGS = 10
 
 
 class ReturnedError(Exception):
@@ -201,7 +200,7 @@ class Supervisor:
             return failed(error_to_json(error, stage, log=log_name(self._job.id)))
         if self._job.is_cancelled():
             return CANCELLED
-        pause = _FIRST_PAUSE * 2 ** min(starts - 1, _DOUBLINGS)
+        pause = _FIRST_PAUSE * 2 ** min(starts - 1, 10)
         self._job.note_completed(self._progress.rows, starts)
         self._job.release(pause * self._settings.jobs.poll_interval_s)
         raise ReturnedError

@@ -23,7 +23,6 @@ from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, JobAtte
 LONGEST_PAUSE_S = 600.0
 """Jobs put off by more than twice this are due: the clock of the machine that put them off was ahead."""
 _BEGUN = (operations.c.state == "RUNNING") & (operations.c.worker == "")
-_ANY_MEMORY = 1 << 62
 
 
 def _projects_in_turn() -> Select[Any]:
@@ -65,14 +64,10 @@ def newest(claim: Claim) -> ColumnElement[bool]:
     return and_(rows.id == claim.operation.id, rows.attempt == claim.attempt, rows.state == "RUNNING")
 
 
-def fenced(claim: Claim) -> Update:
-    """Builds an update of an unfinished operation that only its newest claim can make."""
-    return update(operations).where(newest(claim))
-
-
-def uncancelled(claim: Claim) -> Update:
-    """Builds a fenced update that also requires that no cancellation was requested."""
-    return fenced(claim).where(operations.c.cancel_requested.is_(False))
+def fenced(claim: Claim, *, uncancelled: bool = False) -> Update:
+    """Builds an update of an unfinished operation that only its newest claim can make, and no cancellation forbids."""
+    mine = update(operations).where(newest(claim))
+    return mine.where(operations.c.cancel_requested.is_(False)) if uncancelled else mine
 
 
 def end_attempt(connection: Connection, operation_id: str, why: AgainAfter | None) -> bool:
@@ -97,7 +92,7 @@ class JobQueue(Repository):
         can_use: Callable[[ModelChoice], bool] = lambda choice: True,
         *,
         gpus: int = 0,
-        memory: int = _ANY_MEMORY,
+        memory: int = 1 << 62,
     ) -> Claim | None:
         """Claims the first job `in_turn` that is due and needs no more than the worker has, if any.
 
@@ -119,7 +114,7 @@ class JobQueue(Repository):
             for place in places:
                 query = select(operations).where(place, *fits).order_by(*QUEUE_ORDER).with_for_update(skip_locked=True)
                 for job in first_readable(connection, query, 1, as_operation):
-                    return _begin(connection, job, worker, job.models if job.state == "RUNNING" else choice)
+                    return _begin(connection, job, worker, choice if job.state == "QUEUED" else None)
         return None
 
     def in_turn(self) -> Sequence[OperationRecord]:
@@ -155,8 +150,7 @@ class JobQueue(Repository):
         waiting = select(operations).where(operations.c.id == operation_id, _BEGUN | QUEUED).with_for_update()
         with self._writing() as connection:
             row = connection.execute(waiting).mappings().first()
-            job = None if row is None else as_operation(row)
-            return None if job is None else _begin(connection, job, worker, job.models)
+            return None if row is None else _begin(connection, as_operation(row), worker)
 
     def attempts_of(self, operation_ids: Sequence[str]) -> Mapping[str, tuple[JobAttempt, ...]]:
         """Maps operations to their readable attempts, oldest first."""
@@ -215,12 +209,13 @@ def as_attempt(row: RowMapping) -> JobAttempt:
     )
 
 
-def _begin(connection: Connection, job: OperationRecord, worker: str, models: ModelChoice) -> Claim:
-    """Begins an attempt of a job whose row is locked; one that has not ended ends with its worker."""
+def _begin(connection: Connection, job: OperationRecord, worker: str, models: ModelChoice | None = None) -> Claim:
+    """Begins an attempt of a job whose row is locked, with its models or others; one that has not ended ends."""
     died = job.attempt > 0 and end_attempt(connection, job.id, "worker_died")
     now, number = time.time(), job.attempt + 1
     changes: dict[str, Any] = {
-        "state": "RUNNING", "attempt": number, "starts": job.starts + 1, "models": dict(models), "updated_at": now,
+        "state": "RUNNING", "attempt": number, "starts": job.starts + 1, "updated_at": now,
+        "models": dict(job.models if models is None else models),
         "again_after": "worker_died" if died else job.again_after,
     }  # fmt: skip
     connection.execute(update(operations).where(operations.c.id == job.id).values(worker=worker, **changes))

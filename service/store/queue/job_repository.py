@@ -20,7 +20,6 @@ from fastsplat.service.store.queue.claims import (
     execute_fenced,
     fenced,
     newest,
-    uncancelled,
 )
 from fastsplat.service.store.repositories.name_repository import forget_names
 from fastsplat.service.store.repositories.scene_repository import (
@@ -161,7 +160,7 @@ class JobRepository(JobQueue):
             ConflictError, NotFoundError: as `publish_within`.
         """
         with self._writing() as connection:
-            done = uncancelled(claim).values({**_succeeded(result), "updated_at": time.time()})
+            done = fenced(claim, uncancelled=True).values({**_succeeded(result), "updated_at": time.time()})
             execute_fenced(connection, claim, done)
             end_attempt(connection, claim.operation.id, None)
             return publish_within(connection, new)[1] if new is not None else ()
@@ -279,7 +278,7 @@ class JobRepository(JobQueue):
     ) -> Sequence[str]:
         """Makes a job's result the scene's current version, as `succeed`."""
         scene_id, values = claim.operation.scene_id, {**values, "updated_at": time.time()}
-        execute_fenced(connection, claim, uncancelled(claim).values(values))
+        execute_fenced(connection, claim, fenced(claim, uncancelled=True).values(values))
         execute_fenced(connection, claim, update(scenes).where(scenes.c.id == scene_id).values(state="TRAINING"))
         scene = locked_scene(connection, scene_id, "")
         records = versions_of(connection, scene_id)

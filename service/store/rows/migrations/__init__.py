@@ -21,7 +21,7 @@ from fastsplat_contract.errors import ConflictError
 
 _SCRIPTS = Path(__file__).parent
 _VERSION_TABLE = "alembic_version"
-_FIRST = "0004"  # numbers below it, and databases without one, are of versions before the first release
+_FIRST = "0003"  # numbers below it, and databases without one, are of versions before the first release
 _LOCK = 0x46535057  # arbitrary, but the same for all processes
 
 _one_at_a_time = threading.Lock()  # alembic keeps the migration that runs in a global variable
