@@ -20,7 +20,7 @@ def upgrade() -> None:
     there = {column["name"] for column in sa.inspect(connection).get_columns("operations")}
     if "attempts" not in there:
         return
-    for name in {"run_after", "again_after", "gpus", "memory", "models"} - there:
+    for name in sorted({"run_after", "again_after", "gpus", "memory", "models"} - there):
         new = operations.c[name]
         op.add_column("operations", sa.Column(name, new.type, nullable=new.nullable, server_default=new.server_default))
     moved = operations.c.options, sa.column("attempts", sa.JSON)
