@@ -16,7 +16,7 @@ from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.object_prompts import ObjectPrompt
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.jobs.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo
-from fastsplat_contract.jobs.operations import JobEstimate, Operation, OperationList, StageProgress
+from fastsplat_contract.jobs.operations import JobAttempt, JobEstimate, Operation, OperationList, StageProgress
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.messages.contact_sheets import ContactSheet, NeighborObject, SheetObject
 from fastsplat_contract.messages.object_reads import ObjectRead
@@ -77,6 +77,7 @@ def running_operation(operation_id: str, scene_id: str, posted: datetime, update
         ),
         error=None,
         attempt=1,
+        attempts=(JobAttempt(1, "5c1f09ab", posted, None, None),),
         worker="working",
         seconds_left=310.0,
         placed=_PLACED,

@@ -11,7 +11,7 @@ from fastsplat.cli.options import JobId, Watch, service_command
 from fastsplat.cli.session import Session, progress
 from fastsplat.cli.short_ids import SHORT
 from fastsplat.cli.tables import Column, facts, minute, table
-from fastsplat_contract.jobs.operations import Operation, OperationList, OperationState
+from fastsplat_contract.jobs.operations import JobAttempt, Operation, OperationList, OperationState
 from fastsplat_contract.messages.projects import GetJobLogRequest
 
 jobs_app = typer.Typer(
@@ -98,7 +98,7 @@ def _facts(job: Operation) -> str:
             ("state", job.state + (", ends its training" if job.finish_requested and not job.done else "")),
             ("posted", minute(job.created_at)),
             ("changed", minute(job.updated_at)),
-            ("attempt", f"{job.attempt}, {job.again_after.replace('_', ' ')} before" if job.again_after else ""),
+            *(("attempt", _attempt(attempt)) for attempt in job.attempts),
             ("worker", job.worker or ""),
             ("progress", "" if job.done else progress(job)),
             ("failed", progress(job) if error is not None else ""),
@@ -106,6 +106,12 @@ def _facts(job: Operation) -> str:
             *(("left out", f"{name}: {reason}") for name, reason in job.left_out.items()),
         )
     )
+
+
+def _attempt(attempt: JobAttempt) -> str:
+    began, ended = minute(attempt.began_at), "" if attempt.ended_at is None else f" to {minute(attempt.ended_at)}"
+    why = "" if attempt.why is None else f", {attempt.why.replace('_', ' ')}"
+    return f"{attempt.number}: {began}{ended}{why}" + (f" ({attempt.worker})" if attempt.worker else "")
 
 
 def _progress(job: Operation) -> str:

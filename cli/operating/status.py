@@ -107,7 +107,7 @@ def _worker_problem(settings: Settings) -> str:
     store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:
         timeout_s = settings.jobs.stalled_worker_timeout_s
-        if store.workers.alive_on(machine_id(), timeout_s):
+        if store.workers.alive(timeout_s, machine_id()):
             return ""
         return f"no worker of this machine had a heartbeat in the last {timeout_s:.0f} s"
     finally:

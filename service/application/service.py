@@ -23,7 +23,7 @@ from fastsplat.service.application.answering.localizing import Localizing
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import Photos, photo_page
 from fastsplat.service.application.answering.project_context import ProjectContext
-from fastsplat.service.application.base.memory import MemoryBudget, machine_bytes
+from fastsplat.service.application.base.memory import MemoryBudget
 from fastsplat.service.application.base.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.base.validate import (
     admit_upload,
@@ -49,6 +49,7 @@ from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.common.cache import LeastRecentlyUsed
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.process import machine_bytes
 from fastsplat.service.jobs.needed_models import check_models
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.blobs import remove
@@ -68,6 +69,8 @@ MAX_LISTED = 5_000
 """Limit of a scene's labels and cameras in one response."""
 _MAX_PROJECTS = 256
 """Projects, and scenes with keys of their own, whose parts are kept."""
+_LEAST_MEMORY = 1 << 30
+"""Bytes, below the peak of each whole job measured (`benchmarks/results/default_path.json`)."""
 
 Admit = Callable[[Path, CaptureSettings, bool], ValidatedUpload]
 
@@ -208,6 +211,8 @@ class SceneService(AbstractContextManager["SceneService"]):
                 },
                 priority=options.priority,
                 project=self.project,
+                gpus=int(settings.training.backend == "cuda"),
+                memory=_LEAST_MEMORY,
             )
 
             def within(connection: Connection) -> None:

@@ -1,4 +1,4 @@
-"""Process lifetimes and priorities, without heavy imports."""
+"""Process lifetimes, priorities and memory, without heavy imports."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
 """Environment variable with the parent's process id; the child dies with that parent."""
 _PR_SET_PDEATHSIG = 1
 _NICEST = 19
+_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 _log = logging.getLogger(__name__)
 
@@ -79,3 +80,14 @@ def lower_priority(niceness: int) -> None:
         os.setpriority(os.PRIO_PROCESS, thread, min(_NICEST, os.getpriority(os.PRIO_PROCESS, thread) + niceness))
     except OSError as error:  # a sandbox that forbids it
         _log.warning("calls in the background run at the priority of all others: %s", error.strerror)
+
+
+def machine_bytes() -> int:
+    """Memory of the machine, or of this process's control group if less, in bytes."""
+    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
+    for path in _LIMITS:
+        try:
+            limits.append(int(Path(path).read_text()))
+        except (OSError, ValueError):  # no such hierarchy, or "max"
+            continue
+    return min(limits)

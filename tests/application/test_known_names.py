@@ -22,8 +22,8 @@ from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.scene.objects.label_evidence import evidence_of
 from fastsplat.service.settings import CallSettings, Settings
-from fastsplat.service.store.queue.ordered_jobs import order_job
 from fastsplat.service.store.repositories.name_repository import KnownNameRecord, KnownNameRepository
+from fastsplat.service.store.repositories.scene_repository import order_job
 from fastsplat.service.store.rows.schema import known_names
 from fastsplat.workers.job.claimed_job import ClaimedJob
 from fastsplat.workers.job.protocol import Job

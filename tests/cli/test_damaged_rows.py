@@ -60,7 +60,9 @@ DAMAGES = {
     "options no JSON": "update operations set options='{{\"retries\": ' where {O}",
     "retries no number": "update operations set retries='x' where {O}",
     "kind": "update operations set kind='' where {O}",
-    "attempts of others": "update operations set attempts='[{{}}]' where {O}",
+    "models": "update operations set models='[]' where {O}",
+    "attempt's time": "update attempts set began_at='abc' where operation_id in (select id from operations where {O})",
+    "attempt's reason": "update attempts set why='WHAT' where operation_id in (select id from operations where {O})",
     "operation's state": "update operations set state='WHAT' where {O}",
     "operation's time": "update operations set updated_at='abc' where {O}",
     "no operation": "delete from operations where {O}",
@@ -168,7 +170,7 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "keys": lambda: service.keys.list("operator"),
         "status": lambda: service.status("operator", ""),
         "known names": service.known_names.list,
-        "waiting": service._store.jobs.waiting,
+        "waiting": service._store.jobs.in_turn,
         "over": lambda: service._store.jobs.over([operation]),
     }
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from functools import partial
 
 import pytest
+from sqlalchemy import select
 
 from fastsplat.service.store.queue.claims import FencedError
+from fastsplat.service.store.rows.schema import operations
 from fastsplat.service.store.store import Store
 from tests.at_once import at_once
 from tests.store.test_repositories import SUMMARY, job
@@ -55,9 +58,14 @@ def test_a_job_is_its_workers_until_that_gives_it_back_or_is_dead(store: Store) 
     store.jobs.take_back("two")
     assert store.jobs.owners() == {}
     store.scenes.create(replace(job(3), priority=100))
-    assert [store.jobs.claim_next("three").operation.id for _ in range(3)] == ["op1", "op2", "op3"]
+    claims = [store.jobs.claim_next("three") for _ in range(3)]
+    assert [claim.operation.id for claim in claims] == ["op1", "op2", "op3"]
     with pytest.raises(FencedError):
         store.jobs.check(second)
+    store.jobs.succeed(claims[0], SUMMARY)
+    store.jobs.take_back("three")
+    with store.engine.connect() as connection:  # what is over stays as it was
+        assert connection.scalars(select(operations.c.worker).order_by(operations.c.id)).all() == ["three", "", ""]
 
 
 def test_a_job_keeps_the_models_that_it_began_with_and_goes_to_who_has_them(store: Store) -> None:
@@ -80,14 +88,61 @@ def test_a_job_keeps_the_models_that_it_began_with_and_goes_to_who_has_them(stor
     assert store.jobs.claim_next("lacks them", {}, lambda models: not models).operation.models == {}
 
 
-def test_two_that_claim_at_once_have_different_jobs(store: Store) -> None:
+def test_those_that_claim_at_once_have_a_job_each(store: Store) -> None:
     for number in range(6):
-        store.scenes.create(job(number))
-
-    def claim(number: int) -> str:
-        while (claim := store.jobs.claim_next(f"worker{number}")) is None:
-            pass
-        return claim.operation.id
-
-    assert sorted(at_once(*(partial(claim, number) for number in range(6)))) == [f"op{number}" for number in range(6)]
+        store.scenes.create(replace(job(number), project="ab"[number % 2]))
+    claims = at_once(*(partial(store.jobs.claim_next, f"worker{number}") for number in range(6)))
+    assert sorted(claim.operation.id for claim in claims) == [f"op{number}" for number in range(6)]
     assert len(store.jobs.owners()) == 6
+    store.scenes.create(job(6))
+    again = at_once(*[partial(store.jobs.claim, "op6")] * 16)
+    assert sorted(claim.attempt for claim in again) == list(range(1, 17))
+
+
+def test_a_job_whose_trainer_died_is_put_off_while_others_run(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in (1, 2):
+        store.scenes.create(job(number))
+    store.jobs.release(store.jobs.claim_next("worker"), 60.0)
+    assert store.jobs.claim_next("worker").operation.id == "op2" and store.jobs.claim_next("worker") is None
+    now = time.time()
+    monkeypatch.setattr(time, "time", lambda: now + 61)
+    again = store.jobs.claim_next("worker").operation
+    assert (again.id, again.starts, again.again_after) == ("op1", 2, "trainer_died")
+
+
+def test_a_job_is_not_put_off_any_more_once_it_is_cancelled_or_if_a_clock_was_ahead(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.scenes.create(job(1))
+    store.jobs.release(store.jobs.claim_next("worker"), 60.0)
+    store.scenes.cancel("op1")
+    claim = store.jobs.claim_next("worker")
+    assert store.jobs.check(claim) == {"cancel"}
+    now = time.time()
+    with monkeypatch.context() as ahead:
+        ahead.setattr(time, "time", lambda: now + 3600)
+        store.jobs.release(claim, 60.0)
+    assert store.jobs.claim_next("worker").operation.id == "op1"
+
+
+def test_a_job_goes_to_a_worker_that_has_what_it_needs(store: Store) -> None:
+    for number, (gpus, memory) in enumerate([(1, 0), (0, 2000), (0, 0)]):
+        store.scenes.create(replace(job(number), gpus=gpus, memory=memory))
+    offers = [{"memory": 1999}, {"memory": 1999}, {"memory": 2000}, {"memory": 2000}, {"gpus": 1}]
+    claims = [store.jobs.claim_next("worker", **offer) for offer in offers]
+    assert [claim and claim.operation.id for claim in claims] == ["op2", None, "op1", None, "op0"]
+    store.jobs.release(claims[-1])
+    assert store.jobs.claim_next("worker") is None  # what it needs it still needs
+
+
+def test_work_that_all_share_is_done_by_one_at_a_time(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def take() -> bool:
+        return store.workers.take_lease("cleanup", 60.0)
+
+    assert sorted(at_once(*[take] * 4)) == [False, False, False, True]
+    assert store.workers.take_lease("something else", 60.0)
+    clock = [time.time()]
+    monkeypatch.setattr(time, "time", lambda: clock[0])
+    for step_s, taken in ((61, True), (1, False), (-3600, True)):  # the last by a clock that does not agree
+        clock[0] += step_s
+        assert take() == taken

@@ -210,8 +210,8 @@ def test_a_percent_sign_in_a_path_means_nothing(tmp_path: Path) -> None:
     assert _shape(engine).keys() == metadata.tables.keys()
 
 
-def test_what_a_database_held_is_saved_before_it_is_upgraded_and_can_be_restored(
-    stored: Engine, later: Callable[..., Path], tmp_path: Path, database_url: str, request: pytest.FixtureRequest
+def test_what_a_database_held_is_saved_before_it_is_upgraded(
+    stored: Engine, later: Callable[..., Path], tmp_path: Path
 ) -> None:
     before = _rows(stored)
     scripts, save = later(_NOTE(1)), partial(save_before_upgrade, tmp_path)
@@ -221,17 +221,44 @@ def test_what_a_database_held_is_saved_before_it_is_upgraded_and_can_be_restored
     copy = create_engine(f"sqlite:///{saved / 'fastsplat.sqlite'}")
     assert _rows(copy) == before != _rows(stored)
     copy.dispose()
-
-    server: PostgresServer | None = request.getfixturevalue("postgres") if database_url else None
-    with server.database() if server else nullcontext("") as another:
-        restore(saved, tmp_path / "restored", another)
-        with closing(open_store(tmp_path / "restored", another)) as store:
-            assert [scene.name for scene in store.scenes.list_scenes(10)] == ["desk"]
-            assert len(store.jobs.waiting()) == 1
-
     mtime = (saved / "backup.json").stat().st_mtime_ns
     migrate(stored, scripts, save)
     assert (saved / "backup.json").stat().st_mtime_ns == mtime, "what needs no upgrade is not saved again"
+
+
+_VERSION_4 = (
+    *(f"DROP TABLE {name}" for name in ("attempts", "turns", "leases")),
+    *(f"DROP INDEX {name}" for name in ("operations_queued", "operations_by_state")),
+    *(f"ALTER TABLE operations DROP {name}" for name in ("run_after", "again_after", "gpus", "memory", "models")),
+    "CREATE INDEX ix_operations_state ON operations (state)",
+    "ALTER TABLE operations ADD COLUMN attempts JSON DEFAULT '[]' NOT NULL",
+    "UPDATE operations SET options = '{{\"labels\": [], \"models\": {models}}}', attempts = '{attempts}', attempt = 1",
+    "UPDATE alembic_version SET version_num = '0004'",
+)
+
+
+def test_attempts_and_models_of_a_database_of_version_4_become_rows_and_columns(
+    stored: Engine, tmp_path: Path, database_url: str, request: pytest.FixtureRequest
+) -> None:
+    shape, models = _shape(stored), {"tagger": {"name": "ram:mine", "sha256": {}}}
+    attempts = [
+        {"number": 1, "worker": "w", "began_at": began_at, "ended_at": 2.0, "why": why}
+        for began_at, why in ((1.0, "failed"), (None, "cancelled"))
+    ]
+    with stored.begin() as connection:
+        for statement in _VERSION_4:
+            connection.exec_driver_sql(statement.format(models=json.dumps(models), attempts=json.dumps(attempts)))
+    server: PostgresServer | None = request.getfixturevalue("postgres") if database_url else None
+    with server.database() if server else nullcontext("") as another:
+        for folder, url in ((tmp_path, database_url), (tmp_path / "restored", another)):
+            if folder != tmp_path:
+                restore(tmp_path / "before-upgrade", folder, url)
+            with closing(open_store(folder, url)) as store:
+                assert _shape(store.engine) == shape
+                (job,) = store.jobs.in_turn()
+                assert (job.models, job.options, job.again_after) == (models, {"labels": []}, "cancelled")
+                (attempt,) = store.jobs.attempts_of([job.id])[job.id]
+                assert (attempt.number, attempt.worker, attempt.why) == (1, "w", "failed")
 
 
 def test_a_database_that_cannot_be_saved_is_not_upgraded(

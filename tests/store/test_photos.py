@@ -11,16 +11,13 @@ from fastsplat.service.store.queue.claims import FencedError
 from fastsplat.service.store.store import Store
 from fastsplat.workers.job.claimed_job import ClaimedJob
 from fastsplat.workers.job.results import PHOTOS
-from tests.scenes import queued_job
+from tests.scenes import claimed_job
 
 _PHOTOS = [{"name": "a.jpg", "placed": True}, {"name": "<b>.jpg", "placed": False}]
 
 
 def _claimed(store: Store) -> ClaimedJob:
-    job = queued_job()
-    store.scenes.create(job)
-    claim = store.jobs.claim(job.operation_id)
-    return ClaimedJob(store, claim, CallSettings())
+    return ClaimedJob(store, claimed_job(store), CallSettings())
 
 
 def _write(job: ClaimedJob, photos: object) -> None:

@@ -91,7 +91,7 @@ def test_a_retry_begins_anew_and_an_ended_run_can_neither_claim_nor_write(store,
 
     assert (again.state, again.starts, again.stages, again.error, again.retries) == ("QUEUED", 0, [], None, 1)
     assert again.run_id != claim.operation.run_id and store.scenes.scene("scene1").state == "TRAINING"
-    assert [record.id for record in store.jobs.waiting()] == ["op1"]
+    assert [record.id for record in store.jobs.in_turn()] == ["op1"]
     new = store.jobs.claim("op1")
     for write in (store.jobs.cancelled, lambda claim: store.jobs.succeed(claim, SUMMARY)):
         with pytest.raises(FencedError):
@@ -147,38 +147,33 @@ def test_success_of_a_deleted_scene_shows_nothing(store):
     assert store.scenes.create(job(2, "once", "other"))[1]  # the request id is free again
 
 
-def test_a_release_takes_the_start_back_but_not_the_fence(store, claim):
-    store.jobs.release(claim)
-    again = store.jobs.claim("op1")
-    assert (again.operation.starts, again.attempt) == (1, 2)
-
-
 @pytest.mark.parametrize(
-    ("end", "after"),
+    ("end", "after", "starts"),
     [
-        (lambda store, claim: None, "worker_died"),
-        (lambda store, claim: store.jobs.release(claim), "worker_stopped"),
-        (lambda store, claim: store.jobs.cancelled(claim), "cancelled"),
-        (lambda store, claim: store.jobs.fail(claim, {"reason": "X"}), "failed"),
+        (lambda store, claim: None, "worker_died", 2),
+        (lambda store, claim: store.jobs.release(claim), "worker_stopped", 1),
+        (lambda store, claim: store.jobs.release(claim, 60.0), "trainer_died", 2),
+        (lambda store, claim: store.jobs.cancelled(claim), "cancelled", 1),
+        (lambda store, claim: store.jobs.fail(claim, {"reason": "X"}), "failed", 1),
     ],
 )
-def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, claim, end, after):
+def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, claim, end, after, starts):
     assert claim.operation.again_after is None
     end(store, claim)
     store.jobs.retry("op1", ended_since=0.0)
     again = store.jobs.claim("op1")
-    assert again.operation.again_after == after
-    assert store.jobs.claim_again(again).operation.again_after == "trainer_died"
-    with pytest.raises(FencedError):
-        store.jobs.claim_again(again)
+    assert (again.operation.again_after, again.operation.starts, again.attempt) == (after, starts, 2)
     newest = store.jobs.claim("op1", "worker")
     assert newest.operation.again_after == "worker_died"  # of a release no word is left
     store.jobs.succeed(newest, SUMMARY)
-    attempts = store.scenes.operation("op1").attempts
-    rows = [(attempt["number"], attempt["worker"], attempt["why"]) for attempt in attempts]
-    assert rows == [(1, "", after), (2, "", "trainer_died"), (3, "", "worker_died"), (4, "worker", None)]
-    times = [moment for attempt in attempts for moment in (attempt["began_at"], attempt["ended_at"])]
+    attempts = store.jobs.attempts_of(["op1"])["op1"]
+    rows = [(attempt.number, attempt.worker, attempt.why) for attempt in attempts]
+    assert rows == [(1, "", after), (2, "", "worker_died"), (3, "worker", None)]
+    times = [moment for attempt in attempts for moment in (attempt.began_at, attempt.ended_at)]
     assert times == sorted(times)
+    store.scenes.delete_scene("scene1")
+    store.jobs.delete_ended(time.time() + 60)
+    assert store.jobs.attempts_of(["op1"]) == {"op1": ()}
 
 
 def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
@@ -201,20 +196,14 @@ def test_stalled_workers_are_known_and_can_be_unregistered(store, monkeypatch):
 
     store.workers.update_heartbeat("a", "host", 1)
     store.workers.update_heartbeat("b", "host", 2)
-    assert store.workers.alive_on("host", 10) and not store.workers.alive_on("elsewhere", 10)
+    assert store.workers.alive(10, "host") == 2 and not store.workers.alive(10, "elsewhere")
     clock[0] = 1020.0
     store.workers.update_heartbeat("b", "host", 2)
     assert stalled() == ["a"]
     store.workers.unregister("a")
     assert stalled() == []
     store.workers.mark_stopped("b")
-    assert stalled() == ["b"] and not store.workers.alive_on("host", 10)
-
-
-def test_many_threads_write_without_losing_anything(store):
-    store.scenes.create(job(1))
-    claims = at_once(*[partial(store.jobs.claim, "op1")] * 64)
-    assert sorted(claim.attempt for claim in claims) == list(range(1, 65))
+    assert stalled() == ["b"] and not store.workers.alive(10, "host")
 
 
 def test_database_urls(tmp_path):
@@ -229,12 +218,13 @@ _CLAIM = object()
 _CALLS = {
     "scenes.list_scenes": (1,), "scenes.create": (job(2),), "versions.known": ("scene1", "v1"), "keys.all": (),
     "quota_usage.of": ("key",), "jobs.jobs_by_state": (), "jobs.in_turn": (), "jobs.claim_next": ("worker",),
-    "jobs.claim": ("op1",), "jobs.claim_again": (_CLAIM,), "jobs.owners": (), "jobs.take_back": ("worker",),
+    "jobs.claim": ("op1",), "jobs.attempts_of": (["op1"],), "jobs.owners": (), "jobs.take_back": ("worker",),
     "jobs.release": (_CLAIM,), "jobs.report": (_CLAIM, []), "jobs.check": (_CLAIM,),
     "jobs.succeed": (_CLAIM, SUMMARY), "jobs.fail": (_CLAIM, {}), "jobs.cancelled": (_CLAIM,), "jobs.over": (["op1"],),
     "jobs.delete_ended": (0.0,), "jobs.uploads": (0.0,), "jobs.retry": ("op1", 0.0),
     "jobs.unknown_scenes": (["scene1"],), "workers.update_heartbeat": ("a", "host", 1), "workers.list_workers": (),
-    "workers.alive_on": ("host", 10.0), "workers.mark_stopped": ("a",), "workers.unregister": ("a",),
+    "workers.alive": (10.0,), "workers.mark_stopped": ("a",), "workers.unregister": ("a",),
+    "workers.take_lease": ("cleanup", 60.0),
 }  # fmt: skip
 
 

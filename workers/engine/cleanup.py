@@ -1,4 +1,7 @@
-"""Garbage collection: crash leftovers, expired uploads, old logs and rows."""
+"""Garbage collection: crash leftovers, expired uploads, old logs and rows.
+
+All functions raise `ConflictError`, having changed nothing, if the database does not belong to the store's files.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,6 @@ import time
 from collections.abc import Iterable
 from contextlib import suppress
 
-from fastsplat.service.store.blobs.blobs import Blobs
 from fastsplat.service.store.rows.identity import check_identity
 from fastsplat.service.store.store import Store
 from fastsplat.workers.engine.periodic import RepeatFilter
@@ -28,11 +30,7 @@ def remove_unneeded(
     ended_job_retention_s: float,  # of logs, and of operations without a scene
     failed_upload_retention_s: float,  # of uploads of failed and cancelled jobs
 ) -> None:
-    """Deletes work folders of ended jobs, used and expired uploads, old logs and rows.
-
-    Raises:
-        ConflictError: the database does not belong to the store's files; nothing was deleted.
-    """
+    """Deletes work folders of ended jobs, used and expired uploads, old logs and rows."""
     check_identity(store.engine, store.blobs)
     # Folders are listed before rows are read, so that newer ones have their row and stay.
     blobs = store.blobs
@@ -45,7 +43,10 @@ def remove_unneeded(
             blobs.drop_upload(upload_id)
     if store.engine.dialect.name == "sqlite":
         store.reserve.fill()
-    _remove_old_logs(blobs, ended_job_retention_s)
+    for path in (blobs.root / "logs").glob("*.log"):
+        with suppress(FileNotFoundError):  # another worker removed it first
+            if time.time() - path.stat().st_mtime > ended_job_retention_s:
+                path.unlink()
     store.jobs.delete_ended(time.time() - ended_job_retention_s)
 
 
@@ -54,9 +55,6 @@ def trash_lost_scenes(store: Store, now: float) -> None:
 
     Only scenes with known jobs; those unknown to the database stay, e.g. after restoring an older database. `now` is
     seconds since 1970, robust against clock jumps (`ActivityClock`).
-
-    Raises:
-        ConflictError: the database does not belong to the store's files; nothing was moved or deleted.
     """
     check_identity(store.engine, store.blobs)
     lost, unknown = store.jobs.lost_scenes(store.blobs.ids("scenes"), now - _DELETION_S)
@@ -76,11 +74,7 @@ def trash_lost_scenes(store: Store, now: float) -> None:
 
 
 def trash_lost_versions(store: Store, now: float) -> None:
-    """Trashes day-old versions without a row, left by failures between folder and row.
-
-    Raises:
-        ConflictError: the database does not belong to the store's files; nothing was moved.
-    """
+    """Trashes day-old versions without a row, left by failures between folder and row."""
     check_identity(store.engine, store.blobs)
     # Folders are listed before rows are read, and jobs before versions, so that newer ones have their row and stay.
     old = {key for key, published_at in store.blobs.versions().items() if now - published_at > _PUBLISHED_BEFORE_S}
@@ -97,10 +91,3 @@ def trash_lost_versions(store: Store, now: float) -> None:
 
 def _listed(names: Iterable[str]) -> str:
     return ", ".join(sorted(names))
-
-
-def _remove_old_logs(blobs: Blobs, retention_s: float) -> None:
-    for path in (blobs.root / "logs").glob("*.log"):
-        with suppress(FileNotFoundError):  # another worker removed it first
-            if time.time() - path.stat().st_mtime > retention_s:
-                path.unlink()

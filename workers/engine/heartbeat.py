@@ -26,33 +26,6 @@ from fastsplat.workers.engine.process_group import machine_id, process_state
 logger = logging.getLogger(__name__)
 
 
-class Heartbeat:
-    """This worker's heartbeat and its regularity.
-
-    After an outage of the database or machine sleep all other workers appear stalled until they had time to write
-    again.
-    """
-
-    def __init__(self, store: Store, executor_id: str, timeout_s: float) -> None:
-        self._store = store
-        self._executor_id = executor_id
-        self._timeout_s = timeout_s
-        self._updated_at = self._regular_since = _seconds()
-
-    def update(self) -> None:
-        """Writes the heartbeat; raises `DatabaseError` during an outage."""
-        self._store.workers.update_heartbeat(self._executor_id, machine_id(), os.getpid())
-        now = _seconds()
-        if now - self._updated_at > self._timeout_s / 2:
-            self._regular_since = now
-        self._updated_at = now
-
-    def is_regular(self) -> bool:
-        """It has been regular for long enough to judge others by theirs."""
-        now = _seconds()
-        return now - self._updated_at < self._timeout_s / 2 and now - self._regular_since > self._timeout_s
-
-
 class Observer:
     """Measures how long other workers' values stay unchanged; one thread looks, any reads."""
 
@@ -71,58 +44,74 @@ class Observer:
         return frozenset(name for name, (_, since) in self._seen.items() if now - since > timeout_s)
 
 
-def kill_suspended_workers(store: Store, executor_id: str, observer: Observer, timeout_s: float) -> None:
-    """Kills stalled workers of this machine that are stopped; only reads the database.
+class Heartbeats:
+    """This worker's heartbeat, and those of all workers as it observes them; its methods may raise `DatabaseError`.
 
-    `observer` receives the heartbeats, so call this often.
+    After an outage of the database or machine sleep all other workers appear stalled until they had time to write
+    again.
     """
-    host, workers = machine_id(), store.workers.list_workers()
-    observer.look({worker.executor_id: worker.heartbeat_at for worker in workers})
-    stalled = observer.stalled(timeout_s)
-    for worker in workers:
-        if worker.executor_id == executor_id or worker.host != host or worker.executor_id not in stalled:
-            continue
-        if process_state(worker.pid, worker.started_at) != "T":
-            continue
-        try:
-            os.kill(worker.pid, signal.SIGKILL)
-            logger.warning("worker %s was stopped and without a heartbeat, and has been killed", worker.executor_id)
-        except OSError as error:
-            logger.warning("worker %s is stopped and cannot be killed: %s", worker.executor_id, error.strerror)
 
+    def __init__(self, store: Store, executor_id: str, timeout_s: float) -> None:
+        self._store = store
+        self._executor_id = executor_id
+        self._timeout_s = timeout_s
+        self._updated_at = self._regular_since = _seconds()
+        self._workers, self._owners = Observer(), Observer()
 
-def prune_stalled_workers(
-    store: Store, executor_id: str, heartbeats: Observer, owners: Observer, timeout_s: float, *, trust_timeout: bool
-) -> None:
-    """Releases the jobs of dead workers, and unregisters dead workers without jobs.
+    def update(self) -> None:
+        """Writes the heartbeat."""
+        self._store.workers.update_heartbeat(self._executor_id, machine_id(), os.getpid())
+        now = _seconds()
+        if now - self._updated_at > self._timeout_s / 2:
+            self._regular_since = now
+        self._updated_at = now
 
-    Args:
-        heartbeats: the observer of `kill_suspended_workers`.
-        owners: observer of the owners of unfinished jobs, fed here.
-        trust_timeout: treat stalled workers as dead (`Heartbeat.is_regular`); stopped ones and ended processes always
-            are.
-    """
-    # Jobs before heartbeats: workers register before they claim, so one that starts in between is known.
-    busy = store.jobs.owners()
-    owners.look(busy)
-    host, stalled = machine_id(), heartbeats.stalled(timeout_s)
-    workers = [worker for worker in store.workers.list_workers() if worker.executor_id != executor_id]
-    dead: set[str] = set()
-    for worker in workers:
-        ended = worker.host == host and not process_state(worker.pid, worker.started_at)
-        if ended or not worker.heartbeat_at or (trust_timeout and worker.executor_id in stalled):
-            dead.add(worker.executor_id)
-    if trust_timeout:
-        # A live worker that was unregistered registers again soon; owners that stay unknown are dead.
-        known = {worker.executor_id for worker in workers} | {executor_id}
-        dead |= owners.stalled(timeout_s) - known
-    for dead_id in sorted(dead & set(busy)):
-        logger.warning("worker %s is dead; others go on with its jobs", dead_id)
-        store.jobs.take_back(dead_id)
-    # Workers that had jobs are unregistered by the next call, once none is left.
-    for worker in workers:
-        if worker.executor_id in dead and worker.executor_id not in busy:
-            store.workers.unregister(worker.executor_id)
+    def kill_suspended(self) -> None:
+        """Kills stalled workers of this machine that are stopped; only reads the database. To be called often."""
+        host, workers = machine_id(), self._store.workers.list_workers()
+        self._workers.look({worker.executor_id: worker.heartbeat_at for worker in workers})
+        stalled = self._workers.stalled(self._timeout_s) - {self._executor_id}
+        for worker in workers:
+            if worker.host != host or worker.executor_id not in stalled:
+                continue
+            if process_state(worker.pid, worker.started_at) != "T":
+                continue
+            try:
+                os.kill(worker.pid, signal.SIGKILL)
+                logger.warning("worker %s was stopped and without a heartbeat, and has been killed", worker.executor_id)
+            except OSError as error:
+                logger.warning("worker %s is stopped and cannot be killed: %s", worker.executor_id, error.strerror)
+
+    def prune_stalled(self) -> None:
+        """Releases the jobs of dead workers, and unregisters dead workers without jobs.
+
+        Stopped workers and ended processes are dead; stalled ones if this heartbeat has been regular for long enough.
+        """
+        # Jobs before heartbeats: workers register before they claim, so one that starts in between is known.
+        busy = self._store.jobs.owners()
+        self._owners.look(busy)
+        host, stalled, regular = machine_id(), self._workers.stalled(self._timeout_s), self._is_regular()
+        workers = [worker for worker in self._store.workers.list_workers() if worker.executor_id != self._executor_id]
+        dead: set[str] = set()
+        for worker in workers:
+            ended = worker.host == host and not process_state(worker.pid, worker.started_at)
+            if ended or not worker.heartbeat_at or (regular and worker.executor_id in stalled):
+                dead.add(worker.executor_id)
+        if regular:
+            # A live worker that was unregistered registers again soon; owners that stay unknown are dead.
+            known = {worker.executor_id for worker in workers} | {self._executor_id}
+            dead |= self._owners.stalled(self._timeout_s) - known
+        for dead_id in sorted(dead & set(busy)):
+            logger.warning("worker %s is dead; others go on with its jobs", dead_id)
+            self._store.jobs.take_back(dead_id)
+        # Workers that had jobs are unregistered by the next call, once none is left.
+        for worker in workers:
+            if worker.executor_id in dead and worker.executor_id not in busy:
+                self._store.workers.unregister(worker.executor_id)
+
+    def _is_regular(self) -> bool:
+        now = _seconds()
+        return now - self._updated_at < self._timeout_s / 2 and now - self._regular_since > self._timeout_s
 
 
 def _seconds() -> float:

@@ -50,14 +50,15 @@ _ADVANCE = 0.01
 # The kernel's death signal is bound to the forking thread, so one that never ends forks all trainers.
 _forker = ThreadPoolExecutor(1, thread_name_prefix="forker")
 _GRACE_S = 2.0
+_FIRST_PAUSE = 5.0  # of a job after its first crash, in poll intervals; doubled by each further one
 
 
-class StoppingError(Exception):
-    """The worker is stopping; the job was returned unfinished."""
+class ReturnedError(Exception):
+    """The job was returned unfinished: the worker is stopping, or the trainer died."""
 
 
 class Supervisor:
-    """Runs a claimed job; returns it once `stopping` is set."""
+    """Runs a claimed job; returns it once `stopping` is set, or its trainer dies."""
 
     def __init__(
         self, store: Store, settings: Settings, claim: Claim, kind: JobKind, stopping: threading.Event
@@ -76,7 +77,7 @@ class Supervisor:
 
         Raises:
             FencedError: another worker has claimed the job.
-            StoppingError: this worker is stopping; the job was returned.
+            ReturnedError: the job was returned.
         """
         error = self.start_limit_error()
         outcome = DONE if error is None else failed(error)
@@ -127,14 +128,11 @@ class Supervisor:
             try:
                 event = trainer.next(self._settings.jobs.poll_interval_s)
             except EOFError:
-                outcome = self._after_crash(stage, trainer)
-                if outcome is not None:
-                    return outcome
-                continue
+                return self._after_crash(stage, trainer)
             if self._stopping.is_set():
                 self.kill()
                 self._job.release()
-                raise StoppingError
+                raise ReturnedError
             if isinstance(event, Failed):
                 return failed(event.error)
             completed = event is not None and self._progress.update(event)
@@ -186,8 +184,8 @@ class Supervisor:
         logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
         return self._trainer
 
-    def _after_crash(self, stage: str, trainer: TrainerProcess) -> JobOutcome | None:
-        """Claims the job for another trainer, or returns the final outcome."""
+    def _after_crash(self, stage: str, trainer: TrainerProcess) -> JobOutcome:
+        """Returns the final outcome, or raises `ReturnedError` after returning the job for a later claim."""
         status = trainer.status()
         self.kill()
         self._note_completed_stages(starts=1)
@@ -202,9 +200,10 @@ class Supervisor:
             return failed(error_to_json(error, stage, log=log_name(self._job.id)))
         if self._job.is_cancelled():
             return CANCELLED
-        self._job.claim_again()
-        self._progress.begin_attempt()
-        return None
+        pause = _FIRST_PAUSE * 2 ** min(starts - 1, 10)
+        self._job.note_completed(self._progress.rows, starts)
+        self._job.release(pause * self._settings.jobs.poll_interval_s)
+        raise ReturnedError
 
     def _note_completed_stages(self, starts: int) -> None:
         """Records stages whose trainer or worker died before reporting them, and `starts`."""
@@ -271,15 +270,12 @@ class _StageRows:
         self._rows = {row["stage"]: dict(row) for row in rows}
         self._started: dict[str, float] = {}
         self.done: set[str] = set()  # reported complete by the trainer
-        self.begin_attempt()
+        self.advanced = False  # further in a stage than all earlier attempts
+        self._furthest_before: dict[str, float] = {}
 
     @property
     def rows(self) -> Sequence[Mapping[str, Any]]:
         return [self._rows[stage] for stage in self._stages if stage in self._rows]
-
-    def begin_attempt(self) -> None:
-        self.advanced = False  # further in a stage than all earlier attempts
-        self._furthest_before: dict[str, float] = {}
 
     def is_complete(self, stage: str) -> bool:
         return bool(self._rows.get(stage, {}).get("message") == _DONE)

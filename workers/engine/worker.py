@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
+from fastsplat.service.common.process import machine_bytes
 from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.jobs.needed_models import in_use, lacking, log_missing_models
 from fastsplat.service.settings import Settings
@@ -28,20 +29,21 @@ from fastsplat.service.store.blobs.blobs import PARTIAL_EXPIRY_S
 from fastsplat.service.store.queue.claims import Claim, FencedError
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.engine.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
-from fastsplat.workers.engine.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
-from fastsplat.workers.engine.periodic import repeat
-from fastsplat.workers.engine.supervisor import StoppingError, Supervisor
+from fastsplat.workers.engine.heartbeat import Heartbeats
+from fastsplat.workers.engine.periodic import RepeatFilter, repeat
+from fastsplat.workers.engine.supervisor import ReturnedError, Supervisor
 from fastsplat.workers.kinds.job_kinds import KINDS, JobKind
 from fastsplat_contract.jobs.operations import OperationKind
 
-_CLEANUP_INTERVAL_S = 60.0  # of folders, uploads, logs and rows
-
 logger = logging.getLogger(__name__)
+logger.addFilter(RepeatFilter(interval_s=3600.0, length=200))
 
 EXIT_FENCED = 75
 """Exit status after losing a job to another worker; restart it (EX_TEMPFAIL)."""
 _EXIT_FAILED = 70
+_CLEANUP_INTERVAL_S = 30.0  # of folders, uploads, logs and rows
 _STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
+_MARGIN_S = 1.0  # by which a cleanup bars its worker's next one, so that each machine comes to clean its folder
 
 _ROWS_BYTES = 1 << 20
 _FULL_PAUSE_S = 5.0
@@ -57,26 +59,22 @@ class Worker:
     executor_id: str = field(default_factory=lambda: f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}")
     stopping: threading.Event = field(default_factory=threading.Event)
     running: Supervisor | None = None
-    lacking: frozenset[str] = frozenset()  # names of chosen models that are not here, as logged
-    heartbeats: Observer = field(default_factory=Observer)
-    owners: Observer = field(default_factory=Observer)
-    heartbeat: Heartbeat = field(init=False)
+    heartbeats: Heartbeats = field(init=False)
 
     def __post_init__(self) -> None:
-        self.heartbeat = Heartbeat(self.store, self.executor_id, self.settings.jobs.stalled_worker_timeout_s)
+        self.heartbeats = Heartbeats(self.store, self.executor_id, self.settings.jobs.stalled_worker_timeout_s)
 
 
 def start(worker: Worker) -> None:
     """Starts the worker's threads and returns."""
-    jobs = worker.settings.jobs
+    jobs, heartbeats = worker.settings.jobs, worker.heartbeats
     # Before any write: a suspended worker may hold the lock it would wait for.
-    _repeat(worker, "kill suspended workers", _kill_suspended, jobs.heartbeat_interval_s)
-    worker.heartbeat.update()
-    _repeat(worker, "update heartbeat", lambda worker: worker.heartbeat.update(), jobs.heartbeat_interval_s)
-    _repeat(worker, "run jobs", _run_waiting, jobs.poll_interval_s)
-    _repeat(worker, "prune stalled workers", _prune_stalled, jobs.stalled_worker_timeout_s / 2)
-    _repeat(worker, "cleanup", _clean_up, _CLEANUP_INTERVAL_S)
-    _repeat(worker, "storage cleanup", _clean_up_storage, _STORAGE_CLEANUP_INTERVAL_S)
+    _repeat(worker, "kill suspended workers", heartbeats.kill_suspended, jobs.heartbeat_interval_s)
+    heartbeats.update()
+    _repeat(worker, "update heartbeat", heartbeats.update, jobs.heartbeat_interval_s)
+    _repeat(worker, "run jobs", partial(_run_waiting, worker), jobs.poll_interval_s)
+    _repeat(worker, "prune stalled workers", heartbeats.prune_stalled, jobs.stalled_worker_timeout_s / 2)
+    _repeat(worker, "cleanup", partial(_clean_up, worker), _CLEANUP_INTERVAL_S)
 
 
 def stop(worker: Worker, patience_s: float = 15.0) -> None:
@@ -90,20 +88,24 @@ def stop(worker: Worker, patience_s: float = 15.0) -> None:
 
 def _run_waiting(worker: Worker) -> None:
     while not worker.stopping.is_set():
-        choice = worker.store.models.chosen()
-        claim = worker.store.jobs.claim_next(worker.executor_id, choice, partial(_can_use, worker))
+        models = worker.store.models.chosen(), partial(_can_use, worker)
+        gpus, memory = _gpus(worker.settings), machine_bytes()
+        claim = worker.store.jobs.claim_next(worker.executor_id, *models, gpus=gpus, memory=memory)
         if claim is None:
             return
         _run(worker, claim)
 
 
+def _gpus(settings: Settings) -> int:
+    """GPUs of a trainer here: one, if the settings name CUDA and no device list hides it."""
+    return int(settings.training.backend == "cuda" and os.environ.get("CUDA_VISIBLE_DEVICES") != "")
+
+
 def _can_use(worker: Worker, choice: ModelChoice) -> bool:
-    """True if the models of a choice are on this machine; says once which are not."""
-    missing = frozenset(lacking(worker.settings, choice))
-    if missing - worker.lacking:
-        names, folder = ", ".join(sorted(missing)), worker.settings.models
+    """True if the models of a choice are on this machine; says which are not."""
+    if missing := lacking(worker.settings, choice):
+        names, folder = ", ".join(missing), worker.settings.models
         logger.warning("jobs with %s are left to other workers: not in %s; pull the models there", names, folder)
-    worker.lacking |= missing
     return not missing
 
 
@@ -114,7 +116,7 @@ def _run(worker: Worker, claim: Claim) -> None:
         settings = in_use(worker.settings, job.models)
         worker.running = Supervisor(worker.store, settings, claim, worker.kinds[job.kind], worker.stopping)
         worker.running.run()
-    except StoppingError:
+    except ReturnedError:
         pass
     except FencedError:
         logger.warning("job %s has been claimed by another worker; this worker starts over", job.id)
@@ -132,37 +134,19 @@ def _exit_worker(worker: Worker, status: int) -> NoReturn:
     os._exit(status)
 
 
-def _repeat(worker: Worker, name: str, task: Callable[[Worker], None], interval_s: float) -> None:
-    repeat(name, lambda: None if worker.stopping.is_set() else task(worker), interval_s)
-
-
-def _kill_suspended(worker: Worker) -> None:
-    timeout_s = worker.settings.jobs.stalled_worker_timeout_s
-    kill_suspended_workers(worker.store, worker.executor_id, worker.heartbeats, timeout_s)
-
-
-def _prune_stalled(worker: Worker) -> None:
-    prune_stalled_workers(
-        worker.store,
-        worker.executor_id,
-        worker.heartbeats,
-        worker.owners,
-        worker.settings.jobs.stalled_worker_timeout_s,
-        trust_timeout=worker.heartbeat.is_regular(),
-    )
+def _repeat(worker: Worker, name: str, task: Callable[[], None], interval_s: float) -> None:
+    repeat(name, lambda: None if worker.stopping.is_set() else task(), interval_s)
 
 
 def _clean_up(worker: Worker) -> None:
-    settings = worker.settings
-    uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
-    remove_unneeded(worker.store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
-    trash_lost_scenes(worker.store, ActivityClock(worker.store.blobs.root).now())
-
-
-def _clean_up_storage(worker: Worker) -> None:
-    blobs = worker.store.blobs
-    blobs.remove_partial(PARTIAL_EXPIRY_S)
-    trash_lost_versions(worker.store, min(time.time(), ActivityClock(blobs.root).now()))
+    store, settings, now = worker.store, worker.settings, ActivityClock(worker.store.blobs.root).now()
+    if store.workers.take_lease("cleanup", _CLEANUP_INTERVAL_S + _MARGIN_S):
+        uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
+        remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
+        trash_lost_scenes(store, now)
+    if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S):
+        store.blobs.remove_partial(PARTIAL_EXPIRY_S)
+        trash_lost_versions(store, min(time.time(), now))
 
 
 def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> None:

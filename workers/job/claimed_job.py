@@ -174,7 +174,7 @@ class ClaimedJob:
 
     @patient
     def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
-        """Writes progress of a completed stage, and the new start count."""
+        """Writes progress and the new start count."""
         self._report(stages, starts)
 
     @patient
@@ -208,14 +208,9 @@ class ClaimedJob:
         )
 
     @patient
-    def claim_again(self) -> None:
-        """Begins another attempt after a trainer crash."""
-        self.claim = self._jobs.claim_again(self.claim)
-
-    @patient
-    def release(self) -> None:
-        """Returns the job unfinished; this start does not count."""
-        self._jobs.release(self.claim)
+    def release(self, pause_s: float | None = None) -> None:
+        """Returns the job unfinished, as `JobRepository.release`."""
+        self._jobs.release(self.claim, pause_s)
 
     @patient
     def is_published(self) -> bool:

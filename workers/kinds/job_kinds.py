@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from fastsplat.service.store.queue.ordered_jobs import order_job
+from fastsplat.service.store.repositories.scene_repository import order_job
 from fastsplat.workers.job.claimed_job import ClaimedJob
 from fastsplat_contract.codec.json_codec import from_plain, to_plain
 from fastsplat_contract.jobs.operations import OperationKind

@@ -166,6 +166,17 @@ class OperationError(Response):
 
 
 @dataclass(frozen=True)
+class JobAttempt(Response):
+    """One run of a job by a worker."""
+
+    number: int
+    worker: Annotated[str, Field(description="end of the worker's name, as its log says it")]
+    began_at: datetime
+    ended_at: Annotated[datetime | None, Field(description="absent while it runs")]
+    why: Annotated[AgainAfter | None, Field(description="why it ended; absent while it runs, and after success")]
+
+
+@dataclass(frozen=True)
 class Operation(Response):
     """One job (AIP-151), durable from the moment it is returned."""
 
@@ -233,6 +244,7 @@ class Operation(Response):
             "After these three it goes on where it was. Absent in the first attempt"
         ),
     ] = None
+    attempts: Annotated[Many[JobAttempt], Field(description="oldest first")] = ()
     left_out: Annotated[
         Mapping[str, str],
         Field(

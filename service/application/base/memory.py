@@ -6,13 +6,11 @@ and 16 megapixels and rounded up; a test compares them with a process's real pea
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 from fastsplat.service.common.call_scheduling import current_runner, wait_elsewhere
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
@@ -26,7 +24,6 @@ _POLL_S = 0.1
 _FORGOTTEN_S = 5.0
 """A waiting call without a retry for this long has lost its turn."""
 _SHARE_OF_ALL, _SHARE_OF_ONE = 0.5, 0.25
-_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 _FIXED_BYTES = 64 << 20
 """Bands of label probabilities, buffers of encoders."""
@@ -200,17 +197,6 @@ class MemoryBudget:
             self._waiting.pop(call, None)
             self._reserved += size
             return True
-
-
-def machine_bytes() -> int:
-    """Memory of the machine, or of this process's control group if less, in bytes."""
-    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
-    for path in _LIMITS:
-        try:
-            limits.append(int(Path(path).read_text()))
-        except (OSError, ValueError):  # no such hierarchy, or "max"
-            continue
-    return min(limits)
 
 
 def _weight(scene: Scene) -> int:

@@ -13,7 +13,7 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.setting_groups import environment_variable
 from fastsplat.service.scene.objects.objects import checked_name
 from fastsplat.service.settings import CaptionerSettings, Settings, StoreOptions
-from fastsplat.service.store.queue.ordered_jobs import order_job
+from fastsplat.service.store.repositories.scene_repository import order_job
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import (

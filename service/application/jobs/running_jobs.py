@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from fastsplat.service.application.answering.project_context import ProjectContext
@@ -45,13 +46,12 @@ class RunningJobs:
         return self.operation(record)
 
     def operation(self, record: OperationRecord) -> Operation:
-        """Converts an operation row for callers."""
-        return operation_of(record, self._worker_of(record), self._queue.ahead((record,)).get(record.id))
+        """Converts an operation row for callers; raises `ArtefactError` if it is damaged."""
+        return self._converting((record,))(record)
 
     def operations(self, records: Sequence[OperationRecord]) -> tuple[Operation, ...]:
         """Converts many operation rows, skipping unreadable ones."""
-        ahead = self._queue.ahead(records)
-        return tuple(each_readable(records, lambda job: operation_of(job, self._worker_of(job), ahead.get(job.id))))
+        return tuple(each_readable(records, self._converting(records)))
 
     def finish(self, operation_id: str) -> Operation:
         """Ends a job's training early, after at least 250 steps, and keeps its scene.
@@ -132,15 +132,20 @@ class RunningJobs:
                 return entry["info"], content
             before = entry  # replaced since the row was read: read again
 
+    def _converting(self, records: Sequence[OperationRecord]) -> Callable[[OperationRecord], Operation]:
+        ahead, runs = self._queue.ahead(records), self._context.store.jobs.attempts_of([job.id for job in records])
+        return lambda job: replace(operation_of(job, self._worker_of(job), ahead.get(job.id)), attempts=runs[job.id])
+
     def _worker_of(self, record: OperationRecord) -> WorkerState | None:
         if record.state in FINAL_STATES:
             return None
-        timeout_s = self._context.settings.jobs.stalled_worker_timeout_s
-        if record.state == "RUNNING" and time.time() - record.updated_at <= timeout_s:
+        timeout_s, now = self._context.settings.jobs.stalled_worker_timeout_s, time.time()
+        claimed = record.state == "RUNNING" and record.run_after <= now
+        if claimed and now - record.updated_at <= timeout_s:
             return "working"
         if not self._context.store.workers.alive(timeout_s):
             return "none"
-        return "silent" if record.state == "RUNNING" else "waiting"
+        return "silent" if claimed else "waiting"
 
 
 def _checked(record: OperationRecord, exclude: Sequence[str], store: Store) -> tuple[str, ...]:

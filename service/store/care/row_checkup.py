@@ -10,12 +10,14 @@ from sqlalchemy import Column, RowMapping, Table, select
 
 from fastsplat.service.store.blobs.object_store import ObjectStoreBlobs
 from fastsplat.service.store.care.checkup import Problem
+from fastsplat.service.store.queue.claims import as_attempt
 from fastsplat.service.store.repositories.key_repository import ROLES
 from fastsplat.service.store.repositories.scene_repository import as_operation, read_verdicts
 from fastsplat.service.store.repositories.version_repository import VersionRecord
 from fastsplat.service.store.rows.records import OperationRecord, SceneRecord
 from fastsplat.service.store.rows.schema import (
     api_keys,
+    attempts,
     known_names,
     operations,
     projects,
@@ -29,13 +31,13 @@ from fastsplat_contract.errors import ArtefactError, SceneFileError
 
 _RESTORE = "Restore a backup of the database, or delete what the row is about."
 _HASH = re.compile(r"[0-9a-f]{64}")
-_TABLES = (scenes, operations, scene_versions, scene_photos, projects, api_keys, quota_usage)
+_TABLES = (scenes, operations, attempts, scene_versions, scene_photos, projects, api_keys, quota_usage)
 _COLUMNS: Mapping[Table, Sequence[Table | Column[Any]]] = {
     **{table: (table,) for table in _TABLES},
     known_names: (known_names.c.id, known_names.c.version, known_names.c.scene_id),  # other columns are large
 }
 _POINTING = (
-    (scenes, "operation_id", operations), (scenes, "project", projects),
+    (scenes, "operation_id", operations), (scenes, "project", projects), (attempts, "operation_id", operations),
     (operations, "project", projects), (operations, "scene_id", scenes),
     (scene_versions, "scene_id", scenes), (known_names, "scene_id", scenes), (scene_photos, "scene_id", scenes),
     (api_keys, "project", projects), (api_keys, "operation_id", operations), (api_keys, "scene_id", scenes),
@@ -80,6 +82,8 @@ def check_rows(
             yield Problem(f"scenes/{row['id']}/{version}", "no row names this version: is it the right database?", hint)
     for row in rows[operations.name]:
         yield from _unreadable(operations, row, lambda row: read_operation(as_operation(row)))
+    for row in rows[attempts.name]:
+        yield from _unreadable(attempts, row, as_attempt)
     authors = {"", *(row["name"] for row in rows[api_keys.name])}
     for row in rows[scene_versions.name]:
         yield from _unreadable(scene_versions, row, lambda row: read_version(VersionRecord(**row)))

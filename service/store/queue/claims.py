@@ -4,22 +4,43 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Update, func, select, update
+from sqlalchemy import ColumnElement, Connection, RowMapping, Select, Update, and_, func, insert, select, update
 
 from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.store.repositories.scene_repository import as_operation
-from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable
-from fastsplat.service.store.rows.database import Repository
-from fastsplat.service.store.rows.records import MODELS, Attempt, OperationRecord
-from fastsplat.service.store.rows.schema import operations
-from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, OperationState
+from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable, first_readable, is_time, require
+from fastsplat.service.store.rows.database import Repository, upsert
+from fastsplat.service.store.rows.records import REASONS, OperationRecord
+from fastsplat.service.store.rows.schema import QUEUE_ORDER, QUEUED, attempts, operations, turns
+from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, JobAttempt, OperationState
 
-_UNCLAIMED = (operations.c.state == "QUEUED") | ((operations.c.state == "RUNNING") & (operations.c.worker == ""))
+LONGEST_PAUSE_S = 600.0
+"""Jobs put off by more than twice this are due: the clock of the machine that put them off was ahead."""
+_BEGUN = (operations.c.state == "RUNNING") & (operations.c.worker == "")
+
+
+def _projects_in_turn() -> Select[Any]:
+    """Selects the projects with queued jobs as `JobQueue.in_turn`, by a few look-ups in indexes for each."""
+    project = operations.c.project
+    first = select(func.min(project).label("project")).where(QUEUED)
+    found = first.cte("found", recursive=True)
+    later = first.where(project > found.c.project).scalar_subquery()
+    found = found.union_all(select(later).where(found.c.project.is_not(None)))
+    mine = project == found.c.project
+    running = select(func.count()).where(operations.c.state == "RUNNING", mine).scalar_subquery()
+    last = select(turns.c.last_at).where(turns.c.project == found.c.project).scalar_subquery()
+    age = select(operations.c.created_at).where(QUEUED, mine).order_by(*QUEUE_ORDER).limit(1).scalar_subquery()
+    query = select(found.c.project).where(found.c.project.is_not(None))
+    return query.order_by(running, func.coalesce(last, 0.0), age)
+
+
+_PROJECTS_IN_TURN = _projects_in_turn()  # built once, which takes longer than to run it
 
 JobRequest = Literal["cancel", "finish"]
 """A request to a running job: stop, or end training early and keep the result."""
@@ -37,24 +58,22 @@ class Claim:
     attempt: int
 
 
-def fenced(claim: Claim) -> Update:
-    """Builds an update of an unfinished operation that only its newest claim can make."""
-    return update(operations).where(
-        operations.c.id == claim.operation.id, operations.c.attempt == claim.attempt, operations.c.state == "RUNNING"
-    )
+def newest(claim: Claim) -> ColumnElement[bool]:
+    """Builds the condition that a claim is its job's newest, and the job unfinished."""
+    rows = operations.c
+    return and_(rows.id == claim.operation.id, rows.attempt == claim.attempt, rows.state == "RUNNING")
 
 
-def uncancelled(claim: Claim) -> Update:
-    """Builds a fenced update that also requires that no cancellation was requested."""
-    return fenced(claim).where(operations.c.cancel_requested.is_(False))
+def fenced(claim: Claim, *, uncancelled: bool = False) -> Update:
+    """Builds an update of an unfinished operation that only its newest claim can make, and no cancellation forbids."""
+    mine = update(operations).where(newest(claim))
+    return mine.where(operations.c.cancel_requested.is_(False)) if uncancelled else mine
 
 
-def end_attempt(job: OperationRecord, why: AgainAfter | None) -> Sequence[Attempt]:
-    """Returns a job's attempts, of which the newest ends now unless it has."""
-    *earlier, newest = job.attempts or (None,)
-    if newest is None or newest["ended_at"] is not None:
-        return job.attempts
-    return [*earlier, {**newest, "ended_at": time.time(), "why": why}]
+def end_attempt(connection: Connection, operation_id: str, why: AgainAfter | None) -> bool:
+    """Ends the newest attempt of a job; False if it has ended already."""
+    running = update(attempts).where(attempts.c.operation_id == operation_id, attempts.c.ended_at.is_(None))
+    return connection.execute(running.values(ended_at=time.time(), why=why)).rowcount > 0
 
 
 def execute_fenced(connection: Connection, claim: Claim, statement: Update) -> None:
@@ -66,55 +85,55 @@ def execute_fenced(connection: Connection, claim: Claim, statement: Update) -> N
 class JobQueue(Repository):
     """The job queue; each method is one or two transactions and may raise `DatabaseError`."""
 
-    def waiting(self) -> Sequence[OperationRecord]:
-        """Lists unclaimed operations, those begun before queued ones, by priority and age."""
-        query = select(operations).where(_UNCLAIMED)
-        order = (operations.c.state.desc(), operations.c.priority.desc(), operations.c.created_at, operations.c.id)
-        with self._reading() as connection:
-            return each_readable(connection.execute(query.order_by(*order)).mappings(), as_operation)
-
     def claim_next(
         self,
         worker: str,
         choice: ModelChoice = MappingProxyType({}),
         can_use: Callable[[ModelChoice], bool] = lambda choice: True,
+        *,
+        gpus: int = 0,
+        memory: int = 1 << 62,
     ) -> Claim | None:
-        """Claims the first job `in_turn` whose models the worker can use, if any waits.
+        """Claims the first job `in_turn` that is due and needs no more than the worker has, if any.
 
-        Jobs begin with `choice`; those begun before keep theirs. Returns None also if another worker was faster.
+        Jobs begin with `choice`; those begun before keep their models, and are left if the worker cannot use these.
         """
-        waiting = self.in_turn()
-        chosen = bool(waiting) and can_use(choice)  # once, as thousands may wait
-        for job in waiting:
-            begun = job.state == "RUNNING"
-            if can_use(job.models) if begun else chosen:
-                return self.claim(job.id, worker, job.models if begun else choice)
+        now = time.time()
+        due = ~operations.c.run_after.between(now, now + 2 * LONGEST_PAUSE_S)
+        fits = due, operations.c.gpus <= gpus, operations.c.memory <= memory
+        with self._reading() as connection:  # an idle worker takes no lock
+            begun = each_readable(connection.execute(select(operations).where(_BEGUN, *fits)).mappings(), as_operation)
+            projects = connection.scalars(_PROJECTS_IN_TURN).all()
+        usable = [job.id for job in begun if can_use(job.models)]
+        places = [_BEGUN & operations.c.id.in_(usable)] if usable else []
+        if projects and can_use(choice):  # looked at once, as thousands may wait
+            places += [QUEUED & (operations.c.project == project) for project in projects]
+        if not places:
+            return None
+        with self._writing() as connection:
+            for place in places:
+                query = select(operations).where(place, *fits).order_by(*QUEUE_ORDER).with_for_update(skip_locked=True)
+                for job in first_readable(connection, query, 1, as_operation):
+                    return _begin(connection, job, worker, choice if job.state == "QUEUED" else None)
         return None
 
     def in_turn(self) -> Sequence[OperationRecord]:
         """Lists the jobs that no worker has, in the order in which they would begin.
 
         Those that were begun go first. Then projects take turns: first the one with the fewest jobs under way; of
-        several, the one whose latest job is longest ago, then the one that has waited longest. Within a project
-        priority decides, then age.
+        several, the one whose latest claim is longest ago, then the one whose next job has waited longest. Within a
+        project priority decides, then age.
         """
-        waiting = self.waiting()
-        mine: dict[str, list[OperationRecord]] = {}
+        with self._reading() as connection:
+            rows = connection.execute(select(operations).where(_BEGUN | QUEUED).order_by(*QUEUE_ORDER)).mappings()
+            waiting = each_readable(rows, as_operation)
+            projects = connection.scalars(_PROJECTS_IN_TURN).all()
+        queued: dict[str, list[OperationRecord]] = {project: [] for project in projects}
         for job in waiting:
             if job.state == "QUEUED":
-                mine.setdefault(job.project, []).append(job)
-        if len(mine) < 2:  # as mostly, when a worker asks
-            return waiting
+                queued.setdefault(job.project, []).append(job)
+        rounds = zip_longest(*queued.values())
         begun = [job for job in waiting if job.state == "RUNNING"]
-        project = operations.c.project
-        running = select(project, func.count()).where(operations.c.state == "RUNNING").group_by(project)
-        latest = select(project, func.max(operations.c.updated_at)).where(operations.c.attempt > 0).group_by(project)
-        with self._reading() as connection:
-            active: dict[str, int] = dict(connection.execute(running).all())
-            last: dict[str, float] = dict(connection.execute(latest).all())
-        oldest = {name: min(job.created_at for job in jobs) for name, jobs in mine.items()}
-        turns = sorted(mine, key=lambda name: (active.get(name, 0), last.get(name, 0.0), oldest[name]))
-        rounds = zip_longest(*(mine[name] for name in turns))
         return [*begun, *(job for jobs in rounds for job in jobs if job is not None)]
 
     def under_way(self) -> Sequence[OperationRecord]:
@@ -123,25 +142,24 @@ class JobQueue(Repository):
         with self._reading() as connection:
             return each_readable(connection.execute(query).mappings(), as_operation)
 
-    def claim(self, operation_id: str, worker: str = "", models: ModelChoice | None = None) -> Claim | None:
-        """Claims a waiting job, counts one start and fences earlier claims.
+    def claim(self, operation_id: str, worker: str = "") -> Claim | None:
+        """Claims a waiting job out of turn, counts one start and fences earlier claims; None if it does not wait.
 
-        Nobody else may claim it until `worker` (its executor id; "": nobody) ends or `take_back` is called. It keeps
-        `models`; None: those that it has. Returns None if it does not wait.
+        Nobody else may claim it until `worker` (its executor id; "": nobody) ends or `take_back` is called.
         """
-        waiting = select(operations).where(operations.c.id == operation_id, _UNCLAIMED).with_for_update()
+        waiting = select(operations).where(operations.c.id == operation_id, _BEGUN | QUEUED).with_for_update()
         with self._writing() as connection:
             row = connection.execute(waiting).mappings().first()
-            if row is None:
-                return None
-            return _begin(connection, as_operation(row), "worker_died", worker, models)
+            return None if row is None else _begin(connection, as_operation(row), worker)
 
-    def claim_again(self, claim: Claim) -> Claim:
-        """Starts another attempt after the trainer died; raises `FencedError` as `JobRepository.report`."""
-        with self._writing() as connection:
-            execute_fenced(connection, claim, fenced(claim).values(updated_at=time.time()))
-            row = connection.execute(select(operations).where(operations.c.id == claim.operation.id)).mappings().one()
-            return _begin(connection, as_operation(row), "trainer_died", row["worker"])
+    def attempts_of(self, operation_ids: Sequence[str]) -> Mapping[str, tuple[JobAttempt, ...]]:
+        """Maps operations to their readable attempts, oldest first."""
+        query = select(attempts).where(attempts.c.operation_id.in_(operation_ids)).order_by(attempts.c.number)
+        found: dict[str, tuple[JobAttempt, ...]] = dict.fromkeys(operation_ids, ())
+        with self._reading() as connection:
+            for row in connection.execute(query).mappings():
+                found[row["operation_id"]] += tuple(each_readable((row,), as_attempt))
+        return found
 
     def owners(self) -> Mapping[str, float]:
         """Maps workers with unfinished jobs to the latest update of these, in seconds since 1970."""
@@ -153,7 +171,8 @@ class JobQueue(Repository):
     def take_back(self, worker: str) -> None:
         """Frees the unfinished jobs of a dead worker for others to claim."""
         with self._writing() as connection:
-            connection.execute(update(operations).where(operations.c.worker == worker).values(worker=""))
+            unfinished = update(operations).where(operations.c.state == "RUNNING", operations.c.worker == worker)
+            connection.execute(unfinished.values(worker=""))
 
     def jobs_by_state(self) -> Mapping[str, int]:
         """Counts operations by state, including states without any."""
@@ -164,7 +183,7 @@ class JobQueue(Repository):
 
     def waits_since(self) -> float | None:
         """Time since which the longest waiting operation waits, in seconds since 1970; or None."""
-        query = select(func.min(operations.c.updated_at)).where(operations.c.state == "QUEUED")
+        query = select(func.min(operations.c.updated_at)).where(QUEUED)
         with self._reading() as connection:
             since = connection.scalar(query)
         return None if since is None else float(since)
@@ -179,18 +198,27 @@ class JobQueue(Repository):
         return [(row.id, row.updated_at, row.stages) for row in rows if are_objects(row.stages)]
 
 
-def _begin(
-    connection: Connection, before: OperationRecord, after: AgainAfter, worker: str, models: ModelChoice | None = None
-) -> Claim:
-    """Begins an attempt; `after` is what ended the previous one, unless that is known."""
-    earlier, here, now = end_attempt(before, after), operations.c.id == before.id, time.time()
-    newest = Attempt(number=before.attempt + 1, worker=worker, began_at=now, ended_at=None, why=None)
-    values = {
-        "state": "RUNNING", "attempt": newest["number"], "starts": operations.c.starts + 1, "worker": worker,
-        "attempts": [*earlier, newest], "updated_at": now,
+def as_attempt(row: RowMapping) -> JobAttempt:
+    """Converts a row; of the worker's id without host and process, which callers need not know."""
+    began_at, ended_at, why = row["began_at"], row["ended_at"], row["why"]
+    readable = is_time(began_at) and (ended_at is None or is_time(ended_at)) and why in REASONS
+    require(f"operation {row['operation_id']}", attempts=readable)
+    ended = None if ended_at is None else datetime.fromtimestamp(ended_at, UTC)
+    return JobAttempt(
+        row["number"], row["worker"].rpartition("-")[2], datetime.fromtimestamp(began_at, UTC), ended, why
+    )
+
+
+def _begin(connection: Connection, job: OperationRecord, worker: str, models: ModelChoice | None = None) -> Claim:
+    """Begins an attempt of a job whose row is locked, with its models or others; one that has not ended ends."""
+    died = job.attempt > 0 and end_attempt(connection, job.id, "worker_died")
+    now, number = time.time(), job.attempt + 1
+    changes: dict[str, Any] = {
+        "state": "RUNNING", "attempt": number, "starts": job.starts + 1, "updated_at": now,
+        "models": dict(job.models if models is None else models),
+        "again_after": "worker_died" if died else job.again_after,
     }  # fmt: skip
-    if models not in (None, before.models):
-        values["options"] = {**before.options, MODELS: dict(models)}
-    connection.execute(update(operations).where(here).values(values))
-    record = as_operation(connection.execute(select(operations).where(here)).mappings().one())
-    return Claim(record, record.attempt)
+    connection.execute(update(operations).where(operations.c.id == job.id).values(worker=worker, **changes))
+    connection.execute(insert(attempts).values(operation_id=job.id, number=number, worker=worker, began_at=now))
+    upsert(connection, {turns.c.project: job.project, turns.c.last_at: now})
+    return Claim(replace(job, **changes), number)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from itertools import compress
+from typing import Any, Literal, get_args
 
 from sqlalchemy import Connection, delete, exists, insert, select, update
 
 from fastsplat.service.store.queue.claims import (
+    LONGEST_PAUSE_S,
     Claim,
     FencedError,
     JobQueue,
@@ -17,7 +19,7 @@ from fastsplat.service.store.queue.claims import (
     end_attempt,
     execute_fenced,
     fenced,
-    uncancelled,
+    newest,
 )
 from fastsplat.service.store.repositories.name_repository import forget_names
 from fastsplat.service.store.repositories.scene_repository import (
@@ -37,10 +39,10 @@ from fastsplat.service.store.repositories.version_repository import (
 )
 from fastsplat.service.store.rows.damaged_rows import each_readable
 from fastsplat.service.store.rows.records import NewJob, OperationRecord, SceneSummary
-from fastsplat.service.store.rows.schema import operations, scene_versions, scenes
+from fastsplat.service.store.rows.schema import attempts, operations, scene_versions, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError
+from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter
 
-_ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
 _UNFINISHED = ("QUEUED", "RUNNING")
 _RETRIED = ("FAILED", "CANCELLED")
 _REQUESTED = (operations.c.cancel_requested, operations.c.finish_requested)
@@ -54,12 +56,18 @@ class JobRepository(JobQueue):
     Methods that take a claim, except `release`, raise `FencedError` if it is not the newest or its operation is over.
     """
 
-    def release(self, claim: Claim) -> None:
-        """Gives an unfinished job back without counting its start; does nothing if fenced."""
+    def release(self, claim: Claim, pause_s: float | None = None) -> None:
+        """Gives an unfinished job back; does nothing if fenced.
+
+        Its start does not count. With `pause_s`, seconds for which nobody claims it, its trainer died and it counts.
+        """
+        why: AgainAfter = "worker_stopped" if pause_s is None else "trainer_died"
+        now, starts = time.time(), operations.c.starts - int(pause_s is None)
+        run_after = now + min(pause_s or 0.0, LONGEST_PAUSE_S)
+        values = {"starts": starts, "worker": "", "again_after": why, "run_after": run_after, "updated_at": now}
         with self._writing() as connection:
-            attempts, starts = end_attempt(claim.operation, "worker_stopped"), operations.c.starts - 1
-            values = {"starts": starts, "attempts": attempts, "worker": "", "updated_at": time.time()}
-            connection.execute(fenced(claim).values(values))
+            if connection.execute(fenced(claim).values(values)).rowcount:
+                end_attempt(connection, claim.operation.id, why)
 
     def report(
         self,
@@ -77,15 +85,12 @@ class JobRepository(JobQueue):
             starts: new count of starts, as the job made progress.
             progress_files: see `OperationRecord`.
         """
+        changes = {"stages": stages, "starts": starts, "progress_files": progress_files, "updated_at": time.time()}
+        values = {name: value for name, value in changes.items() if value is not None}
         with self._writing() as connection:
-            values: dict[str, Any] = {"stages": [dict(stage) for stage in stages], "updated_at": time.time()}
-            if starts is not None:
-                values["starts"] = starts
-            if progress_files is not None:
-                values["progress_files"] = {kind: dict(entry) for kind, entry in progress_files.items()}
             execute_fenced(connection, claim, fenced(claim).values(values))
             requested = connection.execute(select(*_REQUESTED).where(operations.c.id == claim.operation.id)).one()
-            return _requests(tuple(requested))
+            return _requests(requested)
 
     def record_photos(self, claim: Claim, photos: Sequence[Mapping[str, Any]]) -> None:
         """Writes the photo verdicts of the job's scene, as JSON objects."""
@@ -95,16 +100,11 @@ class JobRepository(JobQueue):
 
     def check(self, claim: Claim) -> frozenset[JobRequest]:
         """Returns the pending requests to the job, without writing."""
-        query = select(*_REQUESTED).where(
-            operations.c.id == claim.operation.id,
-            operations.c.attempt == claim.attempt,
-            operations.c.state == "RUNNING",
-        )
         with self._reading() as connection:
-            requested = connection.execute(query).first()
+            requested = connection.execute(select(*_REQUESTED).where(newest(claim))).first()
         if requested is None:
             raise FencedError(claim.operation.id)
-        return _requests(tuple(requested))
+        return _requests(requested)
 
     def publish_draft(
         self, claim: Claim, summary: SceneSummary, carried: Sequence[NewVersion] = (), *, edited: str = ""
@@ -142,10 +142,10 @@ class JobRepository(JobQueue):
             ConflictError: a draft was edited meanwhile, or the edits were undone.
         """
         with self._writing() as connection:
-            done = _succeeded(claim, result)
-            removed = self._publish(connection, claim, done, summary, carried, edited, draft=False)
+            removed = self._publish(connection, claim, _succeeded(result), summary, carried, edited, draft=False)
             ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(state="READY")
             execute_fenced(connection, claim, ready)
+            end_attempt(connection, claim.operation.id, None)
             if follow is not None:
                 connection.execute(insert(operations).values(queued_row(follow)))
         return removed
@@ -160,8 +160,9 @@ class JobRepository(JobQueue):
             ConflictError, NotFoundError: as `publish_within`.
         """
         with self._writing() as connection:
-            done = uncancelled(claim).values({**_succeeded(claim, result), "updated_at": time.time()})
+            done = fenced(claim, uncancelled=True).values({**_succeeded(result), "updated_at": time.time()})
             execute_fenced(connection, claim, done)
+            end_attempt(connection, claim.operation.id, None)
             return publish_within(connection, new)[1] if new is not None else ()
 
     def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
@@ -197,16 +198,16 @@ class JobRepository(JobQueue):
                     raise no_upload(operation_id)
             again = {
                 "state": "QUEUED", "starts": 0, "stages": [], "error": None, "cancel_requested": False,
-                "finish_requested": False, "progress_files": None, "worker": "",
-                "retries": record.retries + 1, "excluded": sorted({*record.excluded, *exclude}),
-                "updated_at": time.time(),
+                "finish_requested": False, "progress_files": None, "worker": "", "run_after": 0.0,
+                "again_after": record.state.lower(), "retries": record.retries + 1,
+                "excluded": sorted({*record.excluded, *exclude}), "updated_at": time.time(),
             }  # fmt: skip
             connection.execute(update(operations).where(here).values(again))
             return as_operation(connection.execute(select(operations).where(here)).mappings().one())
 
     def over(self, run_ids: Sequence[str]) -> frozenset[str]:
         """Filters run ids to those ended or unknown; operations with unreadable rows count as running."""
-        unfinished = select(operations).where(operations.c.state.not_in(_ENDED))
+        unfinished = select(operations).where(operations.c.state.not_in(FINAL_STATES))
         with self._reading() as connection:
             rows = connection.execute(unfinished).mappings().all()
         records = {record.id: record.run_id for record in each_readable(rows, as_operation)}
@@ -216,13 +217,14 @@ class JobRepository(JobQueue):
 
     def delete_ended(self, before: float) -> None:
         """Deletes operations without a scene that ended before a time, in seconds since 1970."""
-        without_scene = delete(operations).where(
+        unneeded = select(operations.c.id).where(
             operations.c.updated_at < before,
-            operations.c.state.in_(_ENDED),
+            operations.c.state.in_(FINAL_STATES),
             ~exists().where(scenes.c.id == operations.c.scene_id),
         )
         with self._writing() as connection:
-            connection.execute(without_scene)
+            for column in (attempts.c.operation_id, operations.c.id):
+                connection.execute(delete(column.table).where(column.in_(unneeded)))
 
     def uploads(self, ended_since: float) -> tuple[frozenset[str], frozenset[str]]:
         """Returns the uploads that operations need, and those that they no longer need.
@@ -276,7 +278,7 @@ class JobRepository(JobQueue):
     ) -> Sequence[str]:
         """Makes a job's result the scene's current version, as `succeed`."""
         scene_id, values = claim.operation.scene_id, {**values, "updated_at": time.time()}
-        execute_fenced(connection, claim, uncancelled(claim).values(values))
+        execute_fenced(connection, claim, fenced(claim, uncancelled=True).values(values))
         execute_fenced(connection, claim, update(scenes).where(scenes.c.id == scene_id).values(state="TRAINING"))
         scene = locked_scene(connection, scene_id, "")
         records = versions_of(connection, scene_id)
@@ -292,11 +294,7 @@ class JobRepository(JobQueue):
         elif records:
             connection.execute(delete(scene_versions).where(_ROWS.scene_id == scene_id))
             forget_names(connection, scene_id)
-        columns: dict[str, Any] = {
-            "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
-            "dictionary": [dict(row) for row in summary.dictionary], "cameras": [dict(row) for row in summary.cameras],
-            "quality": dict(summary.quality), "scaling": None, "alignment": None, "objects": summary.objects,
-        }  # fmt: skip
+        columns: dict[str, Any] = {**vars(summary), "scaling": None, "alignment": None}
         connection.execute(update(scenes).where(scenes.c.id == scene_id).values(columns))
         if draft and records:
             row = version_row(trained_version(replace(scene, **columns)))
@@ -308,18 +306,16 @@ class JobRepository(JobQueue):
 
     def _end(self, claim: Claim, why: Literal["failed", "cancelled"], error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:
-            attempts, state = end_attempt(claim.operation, why), why.upper()
-            values = {"state": state, "error": error, "attempts": attempts, "updated_at": time.time()}
-            execute_fenced(connection, claim, fenced(claim).values(values))
+            state = why.upper()
+            execute_fenced(connection, claim, fenced(claim).values(state=state, error=error, updated_at=time.time()))
+            end_attempt(connection, claim.operation.id, why)
             unmade = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
             connection.execute(unmade.values(state=state))
 
 
-def _succeeded(claim: Claim, result: Mapping[str, Any] | None) -> dict[str, Any]:
-    result = None if result is None else dict(result)
-    return {"state": "SUCCEEDED", "result": result, "attempts": end_attempt(claim.operation, None)}
+def _succeeded(result: Mapping[str, Any] | None) -> dict[str, Any]:
+    return {"state": "SUCCEEDED", "result": None if result is None else dict(result)}
 
 
 def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:
-    names: tuple[JobRequest, ...] = ("cancel", "finish")
-    return frozenset(name for name, requested in zip(names, row, strict=True) if requested)
+    return frozenset(compress(get_args(JobRequest), row))

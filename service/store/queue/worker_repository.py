@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from sqlalchemy import delete, func, insert, select, update
 
-from fastsplat.service.store.rows.database import Repository
+from fastsplat.service.store.rows.database import Repository, upsert
 from fastsplat.service.store.rows.records import WorkerRecord
-from fastsplat.service.store.rows.schema import workers
+from fastsplat.service.store.rows.schema import leases, workers
 
 
 class WorkerRepository(Repository):
@@ -27,26 +27,26 @@ class WorkerRepository(Repository):
 
     def list_workers(self) -> Sequence[WorkerRecord]:
         with self._reading() as connection:
-            rows = connection.execute(select(workers)).all()
-        return [WorkerRecord(row.executor_id, row.host, row.pid, row.started_at, row.heartbeat_at) for row in rows]
+            return [WorkerRecord(*row) for row in connection.execute(select(workers))]
 
-    def alive_on(self, host: str, timeout_s: float) -> bool:
-        """True if a worker on this host had a heartbeat in the last `timeout_s` seconds."""
-        fresh = workers.c.heartbeat_at >= time.time() - timeout_s
-        query = select(workers.c.executor_id).where(workers.c.host == host, fresh).limit(1)
-        with self._reading() as connection:
-            return connection.execute(query).first() is not None
-
-    def alive(self, timeout_s: float) -> int:
-        """Counts the workers with a heartbeat in the last `timeout_s` seconds."""
+    def alive(self, timeout_s: float, host: str | None = None) -> int:
+        """Counts the workers (of a host; None: of all) with a heartbeat in the last `timeout_s` seconds."""
         query = select(func.count()).where(workers.c.heartbeat_at >= time.time() - timeout_s)
         with self._reading() as connection:
-            return connection.scalar(query) or 0
+            return connection.scalar(query if host is None else query.where(workers.c.host == host)) or 0
 
     def mark_stopped(self, executor_id: str) -> None:
         """Marks a worker as stopped, for recovery of its jobs without the timeout."""
         with self._writing() as connection:
             connection.execute(update(workers).where(workers.c.executor_id == executor_id).values(heartbeat_at=0.0))
+
+    def take_lease(self, name: str, seconds: float) -> bool:
+        """Leases a piece of work that all workers share; False while somebody has it."""
+        now = time.time()
+        # One that lasts for much longer is of a machine whose clock is ahead.
+        over = ~leases.c.until.between(now, now + 2 * seconds)
+        with self._writing() as connection:
+            return upsert(connection, {leases.c.name: name, leases.c.until: now + seconds}, over)
 
     def unregister(self, executor_id: str) -> None:
         """Removes a worker without jobs; if it still lives, its next heartbeat registers it again."""

@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
+import uuid
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
 
-from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, delete, insert, select, tuple_, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Engine,
+    RowMapping,
+    Select,
+    Table,
+    delete,
+    insert,
+    select,
+    tuple_,
+    update,
+)
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.repositories.name_repository import forget_names
+from fastsplat.service.store.rows.codec import options_to_json
 from fastsplat.service.store.rows.damaged_rows import are_objects, first_readable, is_name, require
 from fastsplat.service.store.rows.database import Repository
-from fastsplat.service.store.rows.records import DEFAULT_PROJECT, Attempt, NewJob, OperationRecord, SceneRecord
-from fastsplat.service.store.rows.schema import operations, scene_photos, scene_versions, scenes
+from fastsplat.service.store.rows.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.rows.schema import QUEUED, operations, scene_photos, scene_versions, scenes
 from fastsplat_contract.errors import ArtefactError, ConflictError, NotFoundError, NotReadyError
-from fastsplat_contract.jobs.operations import OperationState
+from fastsplat_contract.jobs.operations import OperationKind, OperationState, SceneOptions
 from fastsplat_contract.messages.scenes import SceneState
 
 _LISTED = [column for column in scenes.c if column.name != "cameras"]
@@ -148,10 +164,7 @@ class SceneRepository(Repository):
 
     def list_scenes(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[SceneRecord]:
         """Lists scenes after (created_at, id), newest first, without cameras and without unreadable rows."""
-        query = select(*_LISTED).where(*self._within(scenes))
-        query = query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())
-        if after is not None:
-            query = query.where(tuple_(scenes.c.created_at, scenes.c.id) < after)
+        query = self._newest_first(select(*_LISTED), scenes, after)
         with self._reading() as connection:
             return first_readable(connection, query, limit, lambda row: SceneRecord(**row, cameras=()))
 
@@ -159,15 +172,10 @@ class SceneRepository(Repository):
         self, limit: int, after: tuple[float, str] | None = None, state: OperationState | None = None
     ) -> Sequence[OperationRecord]:
         """Lists operations after (created_at, id), newest first, without unreadable rows."""
-        rows = operations.c
-        query = select(operations).where(*self._within(operations))
-        query = query.order_by(rows.created_at.desc(), rows.id.desc())
-        if state is not None:
-            query = query.where(rows.state == state)
-        if after is not None:
-            query = query.where(tuple_(rows.created_at, rows.id) < after)
+        query = self._newest_first(select(operations), operations, after)
         with self._reading() as connection:
-            return first_readable(connection, query, limit, as_operation)
+            in_state = query if state is None else query.where(operations.c.state == state)
+            return first_readable(connection, in_state, limit, as_operation)
 
     def photos_of(self, scene_id: str) -> Sequence[Mapping[str, Any]]:
         """Returns a scene's photo verdicts, [] if there are none; does not check the scene's project."""
@@ -178,9 +186,9 @@ class SceneRepository(Repository):
 
     def ready_scene_ids(self) -> Sequence[str]:
         """Lists ids of all scenes that can be queried, drafts included, newest first."""
-        query = select(scenes.c.id).where(scenes.c.version != "", *self._within(scenes))
+        query = self._newest_first(select(scenes.c.id).where(scenes.c.version != ""), scenes)
         with self._reading() as connection:
-            return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
+            return list(connection.scalars(query))
 
     def rename(self, scene_id: str, name: str, expected_name: str | None = None) -> None:
         """Renames a scene; `ConflictError` unless its name is `expected_name` (None: any) or the new one."""
@@ -238,6 +246,10 @@ class SceneRepository(Repository):
             except (ArtefactError, NotFoundError):
                 return None
 
+    def _newest_first(self, query: Select[Any], table: Table, after: tuple[float, str] | None = None) -> Select[Any]:
+        query = query.where(*self._within(table)).order_by(table.c.created_at.desc(), table.c.id.desc())
+        return query if after is None else query.where(tuple_(table.c.created_at, table.c.id) < after)
+
     def _within(self, table: Table) -> Sequence[ColumnElement[bool]]:
         within = () if self._project is None else (table.c.project == self._project,)
         scene = table.c.id if table is scenes else table.c.scene_id
@@ -251,15 +263,35 @@ class SceneRepository(Repository):
         return as_operation(row)
 
 
+def order_job(kind: OperationKind, scene_id: str, request_id: str, order: Mapping[str, Any], project: str) -> NewJob:
+    """Builds the job that carries out an order on a scene.
+
+    Args:
+        request_id: idempotency key; "" for none.
+        order: the request as JSON.
+        project: the scene's project.
+    """
+    content = json.dumps({"scene": scene_id, kind: order}, sort_keys=True)
+    return NewJob(
+        scene_id=scene_id,
+        operation_id=uuid.uuid4().hex,
+        name="",
+        request_id=request_id,
+        request_digest=hashlib.sha256(content.encode()).hexdigest(),
+        upload_id="",
+        options=options_to_json(SceneOptions()),
+        kind=kind,
+        order=dict(order),
+        project=project,
+    )
+
+
 def queued_row(job: NewJob) -> dict[str, Any]:
     """Builds the row of an operation queued now."""
-    now = time.time()
-    return {
-        "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
-        "request_id": job.request_id or None, "request_digest": job.request_digest, "upload_id": job.upload_id,
-        "options": dict(job.options), "kind": job.kind, "order": dict(job.order), "priority": job.priority,
-        "stages": [], "created_at": now, "updated_at": now, "project": job.project,
-    }  # fmt: skip
+    now, more = time.time(), ("name", "operation_id", "request_id")
+    columns = {name: value for name, value in vars(job).items() if name not in more}
+    of_request = {"id": job.operation_id, "request_id": job.request_id or None}
+    return {**columns, **of_request, "state": "QUEUED", "stages": [], "created_at": now, "updated_at": now}
 
 
 def no_operation(operation_id: str) -> NotFoundError:
@@ -288,16 +320,13 @@ def no_scene(scene_id: str) -> NotFoundError:
 def _stop(connection: Connection, operation_id: str) -> None:
     now = time.time()
     here = operations.c.id == operation_id
-    waiting = select(operations).where(here, operations.c.state == "QUEUED").with_for_update()
-    if (row := connection.execute(waiting).mappings().first()) is not None:
-        never = Attempt(number=row["attempt"], worker="", began_at=None, ended_at=now, why="cancelled")
-        before = row["attempts"] if isinstance(row["attempts"], list) else ()
-        ended = {"state": "CANCELLED", "cancel_requested": True, "attempts": [*before, never], "updated_at": now}
-        connection.execute(update(operations).where(here).values(ended))
+    ended = {"state": "CANCELLED", "cancel_requested": True, "updated_at": now}
+    if connection.execute(update(operations).where(here, QUEUED).values(ended)).rowcount:
         connection.execute(update(scenes).where(scenes.c.operation_id == operation_id).values(state="CANCELLED"))
         return
     running = update(operations).where(here, operations.c.state == "RUNNING")
-    connection.execute(running.values(cancel_requested=True, updated_at=now))
+    # Of one that was put off the next worker ends it at once.
+    connection.execute(running.values(cancel_requested=True, run_after=0.0, updated_at=now))
 
 
 def _check_trains(operation: OperationRecord) -> None:

@@ -16,7 +16,7 @@ from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.repositories.name_repository import VersionNames, forget_names, record_names
 from fastsplat.service.store.repositories.scene_repository import no_scene
-from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, is_time, require
+from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, require, require_fields
 from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.records import SceneRecord
 from fastsplat.service.store.rows.schema import scene_versions, scenes
@@ -46,20 +46,11 @@ class VersionRecord:
     current: bool = False
 
     def __post_init__(self) -> None:
-        require(
+        require_fields(
             f"version {self.version} of scene {self.scene_id}",
+            self,
             version=is_name(self.version),
-            number=isinstance(self.number, int),
-            parent=isinstance(self.parent, str),
-            created_at=is_time(self.created_at),
-            gaussians=isinstance(self.gaussians, int),
             dictionary=are_objects(self.dictionary, "label_id", "label"),
-            edits=are_objects(self.edits),
-            current_at=self.current_at is None or is_time(self.current_at),
-            scaling=self.scaling is None or is_object(self.scaling),
-            alignment=self.alignment is None or is_object(self.alignment),
-            quality=is_object(self.quality),
-            objects=isinstance(self.objects, int),
         )
 
 

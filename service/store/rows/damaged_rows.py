@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import logging
 import re
+import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import wraps
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from functools import cache, wraps
+from types import UnionType
+from typing import TYPE_CHECKING, Any, Concatenate, Literal, ParamSpec, TypeVar, Union
 
 from fastsplat_contract.errors import ArtefactError, FastSplatError, InvalidInputError, SceneFileError
 
@@ -34,6 +36,29 @@ def require(what: str, **columns: bool) -> None:
     unreadable = [name for name, readable in columns.items() if not readable]
     if unreadable:
         raise _damaged(what, f"{', '.join(unreadable)} cannot be read")
+
+
+def require_fields(what: str, record: Any, **columns: bool) -> None:
+    """Checks a dataclass as `require`: `columns`, and whether other fields fit their types, where floats are times."""
+    fields = {name: fits(getattr(record, name)) for name, fits in _checks(record.__class__).items()}
+    require(what, **{**fields, **columns})
+
+
+@cache
+def _checks(record: Any) -> Mapping[str, Callable[[object], bool]]:
+    return {name: _check(hint) for name, hint in typing.get_type_hints(record).items()}
+
+
+def _check(hint: Any) -> Callable[[object], bool]:
+    origin, arguments = typing.get_origin(hint) or hint, typing.get_args(hint)
+    if origin is Literal:
+        return lambda value: value in arguments
+    if origin in (Union, UnionType):
+        first, second = map(_check, arguments)
+        return lambda value: first(value) or second(value)
+    if origin is Sequence and typing.get_origin(arguments[0]) is Mapping:
+        return are_objects
+    return is_time if hint is float else lambda value: isinstance(value, origin)
 
 
 def decodes(kind: str) -> Callable[[Callable[Concatenate[R, P], T]], Callable[Concatenate[R, P], T]]:

@@ -7,10 +7,11 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
+from sqlalchemy import URL, Column, ColumnElement, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, SQLAlchemyError
 
 from fastsplat.service.store.rows.damaged_rows import read_json
@@ -110,6 +111,16 @@ class Repository:
     def __init__(self, engine: Engine) -> None:
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
+
+
+def upsert(connection: Connection, row: Mapping[Column[Any], Any], only: ColumnElement[bool] | None = None) -> bool:
+    """Inserts a row, or updates that of the same primary key if `only` holds there; False if it does not."""
+    dialect = import_module(f"sqlalchemy.dialects.{connection.dialect.name}")
+    values = {column.name: value for column, value in row.items()}
+    table = next(iter(row)).table
+    statement = dialect.insert(table).values(values)
+    statement = statement.on_conflict_do_update(index_elements=table.primary_key, set_=values, where=only)
+    return connection.execute(statement, execution_options={"preserve_rowcount": True}).rowcount > 0
 
 
 def _sqlite_code(error: SQLAlchemyError) -> int:

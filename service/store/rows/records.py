@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypedDict, get_args
+from typing import Any, get_args
 
 from fastsplat.service.common.setting_groups import ModelChoice
-from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, is_time, require
+from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, require_fields
 from fastsplat_contract.jobs.operations import AgainAfter, OperationKind, OperationState
 from fastsplat_contract.messages.scenes import Scale, SceneState
 
@@ -20,11 +20,7 @@ SECONDS_LEFT = "job_seconds_left"
 PREDICTED_S = "predicted_s"
 """Key of `OperationRecord.options`: how long its job was said to take, seconds, where that was known when it came."""
 
-MODELS = "models"
-"""Key of `OperationRecord.options`: the choice of models that a job began with, and keeps."""
-
-_SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
-_KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
+REASONS = (None, *get_args(AgainAfter))
 
 
 @dataclass(frozen=True)
@@ -48,32 +44,13 @@ class SceneRecord:
     objects: int = 0
 
     def __post_init__(self) -> None:
-        require(
+        require_fields(
             f"scene {self.id}",
-            name=isinstance(self.name, str),
-            operation_id=isinstance(self.operation_id, str),
-            state=self.state in _SCENE_STATES,
+            self,
             version=is_name(self.version) or (self.version == "" and self.state != "READY"),
-            created_at=is_time(self.created_at),
-            gaussians=isinstance(self.gaussians, int),
-            scale=self.scale in _SCALES,
             dictionary=are_objects(self.dictionary, "label_id", "label"),
             cameras=are_objects(self.cameras, "name"),
-            quality=is_object(self.quality),
-            scaling=self.scaling is None or is_object(self.scaling),
-            alignment=self.alignment is None or is_object(self.alignment),
-            objects=isinstance(self.objects, int),
         )
-
-
-class Attempt(TypedDict):
-    """An attempt of a job; times are seconds since 1970, UTC."""
-
-    number: int  # the fencing token
-    worker: str  # executor id; "" if unknown
-    began_at: float | None  # None: cancelled before it began
-    ended_at: float | None  # None: not known to have ended
-    why: AgainAfter | None  # reason of the end; None while it runs, and after success
 
 
 @dataclass(frozen=True)
@@ -82,7 +59,8 @@ class OperationRecord:
 
     `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token. `progress_files` maps a kind
     ("preview", "placed") to its "file" (see `Blobs.progress_file`) and "info" (`PreviewInfo` or `PlacedInfo` as JSON).
-    A job on a finished scene has no upload but an order, and a result if it succeeded; both are JSON.
+    A job on a finished scene has no upload but an order, and a result if it succeeded; both are JSON. Workers take it
+    that offer its `gpus`, its `memory` (bytes; 0 is unknown) and, once it began, the `models` that it began with.
     """
 
     id: str
@@ -104,45 +82,19 @@ class OperationRecord:
     result: Mapping[str, Any] | None = None
     retries: int = 0  # after failure or cancellation
     excluded: Sequence[str] = ()  # paths of uploaded photos that retries left out
-    attempts: Sequence[Attempt] = ()  # oldest first
+    again_after: AgainAfter | None = None  # what ended the attempt before the newest, or before the next one
+    run_after: float = 0.0  # nobody takes it before
+    gpus: int = 0
+    memory: int = 0
+    models: ModelChoice = field(default_factory=dict)
     project: str = DEFAULT_PROJECT
     finish_requested: bool = False
     progress_files: Mapping[str, Mapping[str, Any]] | None = None
 
     def __post_init__(self) -> None:
-        require(
-            f"operation {self.id}",
-            scene_id=isinstance(self.scene_id, str),
-            state=self.state in _OPERATION_STATES,
-            upload_id=isinstance(self.upload_id, str),
-            options=is_object(self.options),
-            kind=self.kind in _KINDS,
-            order=is_object(self.order),
-            result=self.result is None or is_object(self.result),
-            retries=isinstance(self.retries, int),
-            excluded=isinstance(self.excluded, Sequence),
-            attempts=are_objects(self.attempts, *Attempt.__annotations__),
-            stages=are_objects(self.stages),
-            error=self.error is None or is_object(self.error),
-            created_at=is_time(self.created_at),
-            updated_at=is_time(self.updated_at),
-            attempt=isinstance(self.attempt, int),
-            starts=isinstance(self.starts, int),
-            priority=isinstance(self.priority, int),
-            progress_files=self.progress_files is None
-            or (is_object(self.progress_files) and are_objects(tuple(self.progress_files.values()))),
-        )
-
-    @property
-    def again_after(self) -> AgainAfter | None:
-        """The reason why the attempt before this or the next one ended; None for the first one."""
-        earlier = self.attempts if self.state == "QUEUED" else self.attempts[:-1]
-        return earlier[-1]["why"] if earlier else None
-
-    @property
-    def models(self) -> ModelChoice:
-        """The choice that the job keeps."""
-        return self.options.get(MODELS) or {}
+        files = self.progress_files
+        readable = files is None or (is_object(files) and are_objects(tuple(files.values())))
+        require_fields(f"operation {self.id}", self, progress_files=readable)
 
     @property
     def makes_scene(self) -> bool:
@@ -173,6 +125,8 @@ class NewJob:
     order: Mapping[str, Any] = field(default_factory=dict)
     priority: int = 0
     project: str = DEFAULT_PROJECT
+    gpus: int = 0  # as in `OperationRecord`
+    memory: int = 0
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from sqlalchemy import (
     String,
     Table,
     UniqueConstraint,
+    literal_column,
 )
 
 from fastsplat.service.store.rows.records import DEFAULT_PROJECT
@@ -61,7 +62,7 @@ operations = Table(
     metadata,
     Column("id", String(40), primary_key=True),
     Column("scene_id", String(40), nullable=False),
-    Column("state", String(16), nullable=False, index=True),
+    Column("state", String(16), nullable=False),
     Column("request_id", String(200), nullable=True),  # idempotency key; freed when the scene is deleted
     Column("request_digest", String(64), nullable=False),
     Column("upload_id", String(40), nullable=False),
@@ -71,7 +72,6 @@ operations = Table(
     Column("result", JSON(none_as_null=True), nullable=True),
     Column("retries", Integer, nullable=False, server_default="0"),
     Column("excluded", JSON, nullable=False, server_default="[]"),
-    Column("attempts", JSON, nullable=False, server_default="[]"),
     Column("stages", JSON, nullable=False),
     Column("error", JSON(none_as_null=True), nullable=True),
     Column("created_at", Double, nullable=False),
@@ -80,12 +80,44 @@ operations = Table(
     Column("attempt", Integer, nullable=False, default=0),
     Column("starts", Integer, nullable=False, default=0),  # since it last made progress; released ones do not count
     Column("worker", String(80), nullable=False, default=""),  # executor id; "": it may be claimed
+    Column("run_after", Double, nullable=False, server_default="0"),  # nobody claims it before
+    Column("again_after", String(16), nullable=True),  # see `OperationRecord`, as are the next three
+    Column("gpus", Integer, nullable=False, server_default="0"),
+    Column("memory", BigInteger, nullable=False, server_default="0"),
+    Column("models", JSON, nullable=False, server_default="{}"),
     Column("cancel_requested", Boolean, nullable=False, default=False),
     Column("finish_requested", Boolean, nullable=False, default=False),  # end training early, keeping its result
     Column("progress_files", JSON(none_as_null=True), nullable=True),  # by kind; see `OperationRecord`
     Column("priority", Integer, nullable=False, default=0),
     _project(),
     UniqueConstraint("project", "request_id", name="operations_request"),
+    Index("operations_by_state", "state", "project"),
+)
+
+# A literal, as neither database proves by a bound value that a query may use the partial index.
+QUEUED = operations.c.state == literal_column("'QUEUED'")
+QUEUE_ORDER = operations.c.priority.desc(), operations.c.created_at, operations.c.id
+Index("operations_queued", operations.c.project, *QUEUE_ORDER, sqlite_where=QUEUED, postgresql_where=QUEUED)
+
+attempts = Table(
+    "attempts",
+    metadata,
+    Column("operation_id", String(40), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("worker", String(80), nullable=False),
+    Column("began_at", Double, nullable=False),
+    Column("ended_at", Double, nullable=True),
+    Column("why", String(16), nullable=True),
+)
+
+# When a job of each project was last claimed.
+turns = Table(
+    "turns", metadata, Column("project", String(64), primary_key=True), Column("last_at", Double, nullable=False)
+)
+
+# Work that workers share: until when nobody else does it.
+leases = Table(
+    "leases", metadata, Column("name", String(40), primary_key=True), Column("until", Double, nullable=False)
 )
 
 workers = Table(

@@ -260,6 +260,11 @@ def test_who_works_on_a_job(service: SceneService, client: Client, training: Cla
     assert again is not None
     taken_up = client.operation(training.operation.id)
     assert (taken_up.worker, taken_up.attempt) == ("working", 2)
+    assert [(run.number, run.worker, run.why) for run in taken_up.attempts] == [(1, "", "worker_died"), (2, "", None)]
+    service._store.workers.update_heartbeat("somebody", "a machine", 1)
+    service._store.jobs.release(again, 60.0)
+    assert client.operation(training.operation.id).worker == "waiting"
+    service._store.workers.unregister("somebody")
     service._store.jobs.cancelled(again)
     assert client.operation(training.operation.id).worker is None
     service.delete_scene(queued.scene_id)

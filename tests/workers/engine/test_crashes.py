@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from fastsplat.cli.operating.serve import worker_roles
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from tests.postgres import PostgresServer
 from tests.workers.deployment import STAGES, Deployment, kill, on_both_databases
 
@@ -135,6 +136,19 @@ def test_workers_of_two_devices_work_at_once_and_their_trainers_see_that_device_
     assert {note["niceness"] for note in notes} == {min(19, os.getpriority(os.PRIO_PROCESS, 0) + 1)}
 
 
+def test_a_job_that_trains_on_a_gpu_waits_for_a_worker_that_has_one(tmp_path: Path) -> None:
+    with closing(Deployment(tmp_path, "", training=TrainingSettings(backend="cuda"))) as deployment:
+        store = deployment.service._store
+        deployment.start_worker()
+        deployment.start_worker(FASTSPLAT_TRAINING__BACKEND="cuda", CUDA_VISIBLE_DEVICES="")
+        deployment.wait_for(lambda: len(store.workers.list_workers()) == 2)
+        operation = deployment.post("training:sleep 600")
+        worker = deployment.start_worker(FASTSPLAT_TRAINING__BACKEND="cuda", CUDA_VISIBLE_DEVICES="0")
+        deployment.wait_in("training", operation)
+        (owner,) = store.jobs.owners()
+        assert f"-{worker.pid}-" in owner
+
+
 @on_both_databases()
 def test_a_worker_that_is_told_to_stop_gives_its_job_back_and_another_goes_on(deployment: Deployment) -> None:
     deployment.max_starts = 1
@@ -222,14 +236,15 @@ def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_lo
 @on_both_databases()
 def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_scene(deployment: Deployment) -> None:
     ready, gone, failed = deployment.post(), deployment.post(), deployment.post("capture:fail")
-    first = deployment.start_worker()
+    often = "import fastsplat.workers.engine.worker as engine\nengine._CLEANUP_INTERVAL_S = 0.5\n"
+    first = deployment.start_worker(code=often)
     for operation in (ready, gone, failed):
         deployment.wait_over(operation)
     log = deployment.service._store.blobs.log(failed.id)
     assert log.exists()
     deployment.service.delete_scene(gone.scene_id)
     kill(first)
-    deployment.start_worker(FASTSPLAT_JOBS__ENDED_JOB_RETENTION_S="0.001")
+    deployment.start_worker(code=often, FASTSPLAT_JOBS__ENDED_JOB_RETENTION_S="0.001")
 
     deployment.wait_for(lambda: not log.exists())
     listed = deployment.service._store.scenes.list_operations

@@ -34,11 +34,15 @@ def test_a_job_ends_ready_and_leaves_only_its_scene(shared_deployment):
     deployment.wait_for(lambda: deployment.left_over(operation) == [])
 
 
-def test_trainer_killed_once_is_started_again(shared_deployment):
+def test_a_job_whose_trainer_was_killed_is_begun_again_after_the_next(shared_deployment):
     deployment = shared_deployment
-    operation = deployment.post("perception:kill_once")
-    assert deployment.wait_over(operation).state == "SUCCEEDED"
-    assert len(deployment.visits("capture", operation)) == 1 and len(deployment.visits("perception", operation)) == 2
+    killed, good = deployment.post("perception:kill_once"), deployment.post()
+    over = [deployment.wait_over(operation) for operation in (killed, good)]
+    assert [operation.state for operation in over] == ["SUCCEEDED"] * 2 and len(over[1].attempts) == 1
+    assert [(attempt.number, attempt.why) for attempt in over[0].attempts] == [(1, "trainer_died"), (2, None)]
+    visited = [visit.operation_id for visit in deployment.visits("perception")]
+    assert len(deployment.visits("capture", killed)) == 1
+    assert visited[-3:] == [killed.id, good.id, killed.id]
 
 
 def test_a_job_that_always_kills_its_trainer_fails_and_the_next_goes_on(shared_deployment):

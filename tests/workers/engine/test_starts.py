@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from fastsplat.service.store.blobs.file_digests import write_digests
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.engine import supervisor as supervising
-from fastsplat.workers.engine.supervisor import Supervisor
+from fastsplat.workers.engine.supervisor import ReturnedError, Supervisor
 from fastsplat.workers.kinds.job_kinds import KINDS
 
 _JOBS = JobSettings(progress_interval_s=1e-6, max_starts=3)
@@ -29,18 +30,22 @@ def store(tmp_path: Path) -> Iterator[Store]:
     store.close()
 
 
+class _WorkerDiedError(Exception):
+    """The worker dies with its trainer, and says nothing any more."""
+
+
 class _Trainer:
-    """In place of a trainer process: reports fractions of the training, then dies."""
+    """In place of a trainer process: reports fractions of the training, then ends with an error."""
 
     pid = 0
 
-    def __init__(self, fractions: Sequence[float]) -> None:
-        self._fractions = iter(fractions)
+    def __init__(self, fractions: Sequence[float], error: type[Exception]) -> None:
+        self._fractions, self._error = iter(fractions), error
 
     def next(self, timeout: float) -> ProgressEvent:
         for fraction in self._fractions:
             return ProgressEvent("training", fraction, "at work")
-        raise EOFError
+        raise self._error
 
     def status(self) -> str:
         return "it was killed"
@@ -49,50 +54,35 @@ class _Trainer:
         """Nothing is left of it."""
 
 
-class _PowerCutError(Exception):
-    """The machine is off."""
-
-
 def _starts_until_given_up(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reached: Sequence[float], *, trainer_alone: bool
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reached: Sequence[float], error: type[Exception]
 ) -> int:
     """How many attempts a job has of which each reaches the fraction of its number, step by step, and dies."""
-    attempts: list[float] = []
+    left = list(reached)
 
     def start(*_: object, **__: object) -> _Trainer:
-        if len(attempts) == len(reached):
-            raise _PowerCutError
-        attempts.append(reached[len(attempts)])
-        return _Trainer([attempts[-1] * part / 8 for part in range(9)])
+        furthest = left.pop(0)
+        return _Trainer([furthest * part / 8 for part in range(9)], error)
 
     settings = Settings(data_dir=tmp_path / "data", jobs=_JOBS)
     monkeypatch.setattr(supervising, "TrainerProcess", start)
-    while True:
+    while left:
         claim = store.jobs.claim("job")
         assert claim is not None
         worker = Supervisor(store, settings, claim, KINDS["create_scene"], threading.Event())
         if worker.start_limit_error() is not None:
-            return len(attempts)
-        if not trainer_alone:  # the worker dies with it, and says nothing any more
-            monkeypatch.setattr(worker, "_after_crash", _cut)
-        try:
+            break
+        with suppress(ReturnedError, _WorkerDiedError):
             outcome = worker.run_stage("training")
-        except _PowerCutError:
-            if len(attempts) == len(reached) or trainer_alone:
-                return len(attempts)
-            continue
-        assert outcome.error is not None and outcome.error["reason"] == "TRAINER_CRASHED"
-        return len(attempts)
-
-
-def _cut(*_: object) -> None:
-    raise _PowerCutError
+            assert outcome.error is not None and outcome.error["reason"] == "TRAINER_CRASHED"
+            break
+    return len(reached) - len(left)
 
 
 _AN_END = [0.5] * 20  # from here on it comes no further
 
 
-@pytest.mark.parametrize("trainer_alone", [False, True])
+@pytest.mark.parametrize("error", [EOFError, _WorkerDiedError])
 @pytest.mark.parametrize(
     ("reached", "starts"),
     [
@@ -111,10 +101,9 @@ def test_a_start_counts_only_where_the_job_came_no_further_since_the_one_before(
     monkeypatch: pytest.MonkeyPatch,
     reached: Sequence[float],
     starts: int,
-    trainer_alone: bool,
+    error: type[Exception],
 ) -> None:
-    given = _starts_until_given_up(store, tmp_path, monkeypatch, reached, trainer_alone=trainer_alone)
-    assert given == starts
+    assert _starts_until_given_up(store, tmp_path, monkeypatch, reached, error) == starts
 
 
 def test_a_job_whose_result_was_published_before_its_worker_died_needs_no_trainer(
