@@ -72,8 +72,7 @@ def calibrate_detector(
     """
     drawn = list(drawn_rooms() if rooms is None else rooms)
     words = sorted({label for room in drawn for label in room.labels.values()})
-    asked = {"tags": known_texts(words, settings, models), "tagger": ""}
-    settings = settings.model_copy(update=asked)
+    settings = settings.model_copy(update={"tags": known_texts(words, settings, models), "tagger": ""})
     named: list[NamedObject] = []
     begin, limit, kinds = time.monotonic(), len(drawn), len({room.kind for room in drawn})
     for number, room in enumerate(drawn):

@@ -27,7 +27,11 @@ from fastsplat.service.instances.naming.second_look import (
     votes_for,
 )
 from fastsplat.service.instances.scene_objects import NAME_OVERLAP, votes_of_views
-from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, open_open_set_detector
+from fastsplat.service.perception.detectors.open_detectors import (
+    check_open_set_detector,
+    of_open_set,
+    open_open_set_detector,
+)
 from fastsplat.service.perception.label_maps.capture_detection import spread
 from fastsplat.service.perception.label_maps.labelling import label_capture
 from fastsplat.service.perception.onnx_session import use_backend
@@ -197,7 +201,7 @@ def _look_closer(
             closer = closer_look(posed, box, sizes[posed.name] / posed.camera.width, _CLOSER_SIDE)
             if closer is not None:
                 picture, _ = paint(closer[0])
-                detections = detector.detect(picture, texts, settings.perception.open_score_floor)
+                detections = detector.detect(picture, texts, of_open_set(settings.perception).score_floor)
                 object_votes.append(votes_for(detections, closer[1], NAME_OVERLAP))
             done += 1
             _tell(progress, _DETECTING, 1, done / total, f"looking at object {object_id}, picture {done}/{total}")

@@ -62,14 +62,18 @@ def lacking(settings: Settings, choice: ModelChoice) -> Sequence[str]:
 
 def missing_models(settings: Settings, *, given_labels: bool = False, named: bool = False) -> list[str]:
     """Lists missing models with their settings; `named`: the request names labels."""
-    from fastsplat.service.perception.models.model_manifest import Role, has_files  # loads with the first upload
+    from fastsplat.service.perception.models.model_manifest import (  # loads with the first upload
+        Role,
+        has_files,
+        is_prompted_by_classes,
+    )
 
     perception, roles = settings.perception, list[Role](("text_encoder",))
     masks = settings.discovery.proposes(given_labels=given_labels)
     prompted = bool(perception.open_set_detector)
     if masks or not given_labels:
         roles.append("segmenter")
-    if masks if given_labels else not prompted or (perception.prompted_by_classes and not named):
+    if masks if given_labels else not prompted or (is_prompted_by_classes(perception) and not named):
         roles.append("closed_set_detector")
     if prompted and not given_labels:
         roles.append("open_set_detector")

@@ -8,9 +8,6 @@ from pydantic import Field
 
 from fastsplat.service.common.setting_groups import Options, SettingGroup
 
-_USUAL_THRESHOLDS: Mapping[str, float] = {"grounding_dino": 0.3, "owlv2": 0.1, "owlvit": 0.1, "yolo_world": 0.15}
-"""Scores from which detections count in public examples of open-set detectors, by adapter."""
-
 
 class PerceptionOptions(Options):
     """When detections, tags and masks count."""
@@ -89,34 +86,7 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     proposal_views: int = Field(16, ge=0)
     """Views whose masks without names are looked for, evenly spread; 0: all. A table needs ten, a large place more."""
 
-    @property
-    def open_score_floor(self) -> float:
-        """As `score_floor`, for the open-set detector: two thirds of its threshold."""
-        return self._open_threshold * 2 / 3
-
     def with_models(self, names: Mapping[str, str]) -> PerceptionSettings:
         """These settings with chosen models by role, except where a model is set."""
         chosen = {role: name for role, name in names.items() if role not in self.model_fields_set}
         return self.model_copy(update=chosen)
-
-    def of_open_set(self) -> PerceptionSettings:
-        """These settings with the open-set detector's thresholds in the place of the closed-set detector's."""
-        scores = {"score_threshold": self._open_threshold, "score_floor": self.open_score_floor}
-        return self.model_copy(update=scores)
-
-    @property
-    def prompted_by_classes(self) -> bool:
-        """True if an open-set detector is asked for the classes that the closed-set detector saw, see `tagger`."""
-        return bool(self.open_set_detector) and not self.tags and self._open_adapter == "grounding_dino"
-
-    @property
-    def _open_adapter(self) -> str:
-        from fastsplat.service.perception.models.model_manifest import find_model  # settings alone do without
-
-        return find_model(self.open_set_detector, "open_set_detector")[0]
-
-    @property
-    def _open_threshold(self) -> float:
-        if self.open_score_threshold is not None:
-            return self.open_score_threshold
-        return _USUAL_THRESHOLDS[self._open_adapter]

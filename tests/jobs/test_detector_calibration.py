@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -58,7 +59,7 @@ def _labelled(
 
     monkeypatch.setattr(detector_calibration, "label_capture", label)
     if clock is not None:
-        monkeypatch.setattr(detector_calibration.time, "monotonic", lambda: next(clock))
+        monkeypatch.setattr(detector_calibration, "time", SimpleNamespace(monotonic=lambda: next(clock)))
 
 
 def test_what_a_detector_is_worth_is_predicted_for_rooms_that_set_nothing(

@@ -95,11 +95,11 @@ def test_networks_run_where_training_does_if_they_can(
 ) -> None:
     """A GPU is not at hand: what onnxruntime was built for and what it is asked for are read instead."""
     network = write_network(tmp_path / "n.onnx", "n (float[1] x) => (float[1] y) {y = Abs (x)}")
-    asked: list[list[str]] = []
+    wanted: list[list[str]] = []
     providers = ["CUDAExecutionProvider"] * built + ["CPUExecutionProvider"]
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: providers)
-    monkeypatch.setattr(onnxruntime, "InferenceSession", lambda *_, providers: asked.append(list(providers)))
+    monkeypatch.setattr(onnxruntime, "InferenceSession", lambda *_, providers: wanted.append(list(providers)))
     monkeypatch.setattr(onnx_session, "_providers", [])
     onnx_session.use_backend(backend)
     open_session(network, name="n")
-    assert asked[0][0] == f"{first}ExecutionProvider" and asked[0][-1] == "CPUExecutionProvider"
+    assert wanted[0][0] == f"{first}ExecutionProvider" and wanted[0][-1] == "CPUExecutionProvider"

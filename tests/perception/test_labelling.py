@@ -23,6 +23,7 @@ from fastsplat.service.perception.label_maps import capture_detection
 from fastsplat.service.perception.label_maps import labelling as labelling_module
 from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector, _prompts
 from fastsplat.service.perception.label_maps.labelling import label_capture, views_to_segment
+from fastsplat.service.perception.models.model_manifest import is_prompted_by_classes
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
@@ -270,8 +271,8 @@ def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(test_data: Pat
     searched, labels, _ = look(photo, [], settings.model_copy(update={"tags": ()}))
     assert "banana" in labels and "headset" not in labels and 100 < len(searched) < len(TAGS)  # the table lacks some
     few = PerceptionSettings(open_set_detector="grounding_dino:few", threads=2)
-    asked = _prompts(lambda _: photo, 1, few, models_dir, lambda *_: None)
-    assert few.prompted_by_classes and "banana" in asked and len(asked) < 20
+    prompts = _prompts(lambda _: photo, 1, few, models_dir, lambda *_: None)
+    assert is_prompted_by_classes(few) and "banana" in prompts and len(prompts) < 20
     assert _prompts(lambda _: grey, 1, few, models_dir, lambda *_: None) == list(TAGS)
 
 

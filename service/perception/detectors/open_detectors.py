@@ -48,6 +48,14 @@ def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSe
     return detector(network, tokenizer(models / inside, name=name), name=name, threads=settings.threads)
 
 
+def of_open_set(settings: PerceptionSettings) -> PerceptionSettings:
+    """The open-set detector's thresholds in the place of the closed-set detector's; its floor is two thirds."""
+    threshold = settings.open_score_threshold
+    if threshold is None:
+        threshold = _USUAL_THRESHOLDS[find_model(settings.open_set_detector, "open_set_detector")[0]]
+    return settings.model_copy(update={"score_threshold": threshold, "score_floor": threshold * 2 / 3})
+
+
 def check_open_set_detector(settings: PerceptionSettings) -> None:
     """Checks, without opening it, that an open-set detector, with any text encoder, is configured."""
     if not settings.open_set_detector:
@@ -98,3 +106,6 @@ OPEN_SET_DETECTORS: Mapping[Adapter, type[GroundingDino] | type[OwlViT] | type[Y
     "yolo_world": YoloWorld,
 }
 """Open-set detectors by the manifest's adapter."""
+
+_USUAL_THRESHOLDS: Mapping[Adapter, float] = {"grounding_dino": 0.3, "owlv2": 0.1, "owlvit": 0.1, "yolo_world": 0.15}
+"""Scores from which detections count in public examples of open-set detectors, by adapter."""

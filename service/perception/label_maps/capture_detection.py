@@ -13,11 +13,13 @@ from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.detectors.open_detectors import (
     closed_set_labels,
     known_texts,
+    of_open_set,
     open_closed_set_detector,
     open_open_set_detector,
 )
 from fastsplat.service.perception.label_maps.detection_voting import merge_spellings, resolve_detections
 from fastsplat.service.perception.label_maps.side_by_side import in_order, side_by_side
+from fastsplat.service.perception.models.model_manifest import is_prompted_by_classes
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import ClosedSetDetector, Detections, Image, joined
 from fastsplat.service.perception.tagging import propose_texts
@@ -80,7 +82,8 @@ class CaptureDetector:
         self._spellings = prompts
         self.searched = tuple(prompts)
         self._message = f"looking for {len(prompts)} classes of objects"
-        self._detect = lambda image: detector.detect(image, prompts, settings.open_score_floor)
+        floor = of_open_set(settings).score_floor
+        self._detect = lambda image: detector.detect(image, prompts, floor)
 
     @property
     def done(self) -> int:
@@ -119,7 +122,7 @@ def _prompts(load: LoadImage, count: int, settings: PerceptionSettings, models: 
         texts = propose_texts(load, spread(count, _TAGGER_VIEWS), settings, models, on_view)
         if texts:
             return texts
-    if settings.prompted_by_classes:
+    if is_prompted_by_classes(settings):
         closed_set = settings.model_copy(update={"open_set_detector": ""})
         detector = CaptureDetector(load, count, (), closed_set, models, on_view)
         resolved, _ = resolve_detections(detector.detections(range(count)), settings, named=False)

@@ -14,6 +14,7 @@ from fastsplat.service.capture.build import load_image
 from fastsplat.service.capture.captures import Capture, GivenLabels, View
 from fastsplat.service.capture.formats.capture_files import load_content
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.perception.detectors.open_detectors import of_open_set
 from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector, spread
 from fastsplat.service.perception.label_maps.capture_masks import look_at_view
 from fastsplat.service.perception.label_maps.detection_voting import detection_weights, region_votes, resolve_detections
@@ -224,7 +225,7 @@ def _resolve(
 
 
 def _thresholds(settings: PerceptionSettings) -> PerceptionSettings:
-    return settings.of_open_set() if settings.open_set_detector else settings
+    return of_open_set(settings) if settings.open_set_detector else settings
 
 
 def _segment_regions(

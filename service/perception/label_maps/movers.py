@@ -15,6 +15,7 @@ from fastsplat.service.perception.detectors.open_detectors import (
     check_open_set_detector,
     check_texts_known,
     closed_set_labels,
+    of_open_set,
     open_closed_set_detector,
     open_open_set_detector,
 )
@@ -129,7 +130,7 @@ class MoverMasks:
                 everything.take([row for row, label in enumerate(everything.labels) if label_key(label) in words])
             )
         if self.open_set is not None:
-            parts.append(self.open_set.detect(pixels, self.words.open_set, self.settings.open_score_floor))
+            parts.append(self.open_set.detect(pixels, self.words.open_set, of_open_set(self.settings).score_floor))
         return joined(parts)
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
 
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 Role = Literal[
@@ -221,6 +222,12 @@ def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:
         field=f"perception.{role}",
         hint=f"Choose {choices} for your own.",
     )
+
+
+def is_prompted_by_classes(settings: PerceptionSettings) -> bool:
+    """True if an open-set detector is asked for what the closed-set detector saw: a Grounding DINO, without `tags`."""
+    detector = settings.open_set_detector
+    return bool(detector) and not settings.tags and find_model(detector, "open_set_detector")[0] == "grounding_dino"
 
 
 def has_files(name: str, role: Role, models: Path) -> bool:
