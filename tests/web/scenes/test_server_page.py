@@ -28,7 +28,7 @@ def test_an_admin_makes_a_key_that_is_shown_once_and_revokes_it(guarded: Place, 
     with visiting(browser, guarded.url) as visit:
         page = _signed_in(visit, guarded, "admin")
         expect(page.get_by_text("No worker is alive, so jobs wait.")).to_be_visible()
-        expect(page.get_by_text("not calibrated: answers have no probabilities")).to_be_visible()
+        expect(page.get_by_text("not calibrated: its scores are no probabilities")).to_have_count(2)
         expect(page.get_by_text("Jobs of all projects")).to_have_count(0)  # an operator's
         visit.check_accessible()
         page.get_by_label("Whose key it is").fill(MARKUP)

@@ -38,7 +38,7 @@ export const serverTexts = {
     },
     modelStates: { ready: "ready", missing: "not in the model directory", unset: "not configured" },
     calibrated: "calibrated",
-    uncalibrated: "not calibrated: answers have no probabilities",
+    uncalibrated: "not calibrated: its scores are no probabilities",
     lexiconUnused: "not used: measured with other settings",
     roles: {
       uploader: "One upload",
