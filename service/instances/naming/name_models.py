@@ -121,12 +121,15 @@ def default_name_model() -> NameModel:
 def load_name_model(detector: str, models: Path) -> NameModel | None:
     """Finds what was measured of a detector's scores; None if nothing was, or of other files.
 
-    Raises `ModelUnavailableError` if the stored measurement is damaged, or the detector's name is unknown.
+    Raises `ModelUnavailableError` if the stored measurement is damaged.
     """
     default = default_name_model()
     if detector in ("", default.detector):
         return default if detector else None
-    folder = _folder(detector, models)
+    try:
+        folder = _folder(detector, models)
+    except ModelUnavailableError:  # a closed-set detector of the user's own
+        return None
     try:
         found = NameModel.model_validate_json((folder / STORED).read_text("utf-8"))
     except FileNotFoundError:
