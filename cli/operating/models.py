@@ -188,11 +188,9 @@ def _calibrated_detector(name: str, models: Path, report: Callable[[Step], None]
 
     if load_name_model(name, models) is not None:
         return
-    line, settings = name.rpartition(":")[2], load_settings().perception.model_copy(update={"open_set_detector": name})
+    line, used = name.rpartition(":")[2], load_settings().perception.model_copy(update={"open_set_detector": name})
     try:
-        found = calibrate_detector(
-            settings, models, lambda e: report(Step(line, e.message, round(100 * e.fraction), 100))
-        )
+        found = calibrate_detector(used, models, lambda e: report(Step(line, e.message, round(100 * e.fraction), 100)))
     except ModelUnavailableError as error:  # it suggests without
         yield f"{name} suggests names only: {error}"
     else:

@@ -123,9 +123,8 @@ def load_name_model(detector: str, models: Path) -> NameModel | None:
 
     Raises `ModelUnavailableError` if the stored measurement is damaged.
     """
-    default = default_name_model()
-    if detector in ("", default.detector):
-        return default if detector else None
+    if detector == default_name_model().detector:
+        return default_name_model()
     try:
         folder = _folder(detector, models)
     except ModelUnavailableError:  # a closed-set detector of the user's own
