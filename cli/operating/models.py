@@ -18,6 +18,7 @@ from fastsplat.cli.tables import Column, size, table
 from fastsplat_contract.errors import ModelUnavailableError
 
 if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without
+    from fastsplat.service.common.progress import ProgressEvent
     from fastsplat.service.perception.model_pull.pull import Step
     from fastsplat.service.perception.models.model_manifest import ModelEntry
 
@@ -153,49 +154,42 @@ def pull_with_progress(
         )
         entries, said = select_models(named, manifest), list[str]()
         for entry in entries:
-            name = entry.name if manifest is None else f"{entry.adapter}:{entry.name}"
-            if entry.role == "image_text":
-                said += _calibrated(name, directory, report)
-            elif entry.role == "open_set_detector":
-                said += _calibrated_detector(name, directory, report)
+            if entry.role in ("image_text", "open_set_detector"):
+                name = entry.name if manifest is None else f"{entry.adapter}:{entry.name}"
+                said += _calibrated(entry.role, name, directory, report)
     for line in said:
         typer.echo(line)
     return entries
 
 
-def _calibrated(name: str, models: Path, report: Callable[[Step], None]) -> Iterator[str]:
-    """Measures what an image-text model's scores mean, unless that is known; yields what was found."""
+def _calibrated(role: str, name: str, models: Path, report: Callable[[Step], None]) -> Iterator[str]:
+    """Measures what a model's scores mean, unless that is known; yields what was found."""
+    from fastsplat.service.instances.naming.name_models import load_name_model, save_name_model
+    from fastsplat.service.jobs.detector_calibration import calibrate_detector
     from fastsplat.service.jobs.looks_calibration import calibrate_image_text
     from fastsplat.service.perception.image_text import open_image_text
     from fastsplat.service.perception.model_pull.pull import Step
-    from fastsplat.service.perception.perception_settings import PerceptionSettings
     from fastsplat.service.query.phrases.looks_files import load_calibration, save_calibration
 
-    model = open_image_text(PerceptionSettings(image_text=name), models)
-    if load_calibration(model, models) is None:
-        line = model.name.rpartition(":")[2]
-        found = calibrate_image_text(model, lambda e: report(Step(line, e.message, round(100 * e.fraction), 100)))
-        save_calibration(*found, models)
-        report(Step(line, "ready"))
-        yield found[0].summary
+    line, perception = name.rpartition(":")[2], load_settings().perception.model_copy(update={role: name})
 
+    def tell(event: ProgressEvent) -> None:
+        report(Step(line, event.message, round(100 * event.fraction), 100))
 
-def _calibrated_detector(name: str, models: Path, report: Callable[[Step], None]) -> Iterator[str]:
-    """Measures how probable an open-set detector's names are, unless that is known; yields what was found."""
-    from fastsplat.service.instances.naming.name_models import load_name_model, save_name_model
-    from fastsplat.service.jobs.detector_calibration import calibrate_detector
-    from fastsplat.service.perception.model_pull.pull import Step
-
-    if load_name_model(name, models) is not None:
+    model = open_image_text(perception, models) if role == "image_text" else None
+    if (load_name_model(name, models) if model is None else load_calibration(model, models)) is not None:
         return
-    line, used = name.rpartition(":")[2], load_settings().perception.model_copy(update={"open_set_detector": name})
     try:
-        found = calibrate_detector(used, models, lambda e: report(Step(line, e.message, round(100 * e.fraction), 100)))
+        if model is None:
+            measured = calibrate_detector(perception, models, tell)
+            save_name_model(measured, models)
+            yield measured.summary
+        else:
+            calibration, common = calibrate_image_text(model, tell)
+            save_calibration(calibration, common, models)
+            yield calibration.summary
     except ModelUnavailableError as error:  # it suggests without
         yield f"{name} suggests names only: {error}"
-    else:
-        save_name_model(found, models)
-        yield found.summary
     report(Step(line, "ready"))
 
 

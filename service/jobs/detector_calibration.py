@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -25,8 +26,6 @@ from fastsplat.service.instances.scene_objects import NAME_OVERLAP
 from fastsplat.service.jobs.looks_rooms import LabeledRoom, drawn_rooms
 from fastsplat.service.perception.detectors.open_detectors import known_texts
 from fastsplat.service.perception.label_maps.labelling import label_capture
-from fastsplat.service.perception.models.model_files import installed_digests
-from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Regions
 from fastsplat.service.query.phrases.object_looks import is_true_of
@@ -64,39 +63,42 @@ def calibrate_detector(
         report_progress: stage "calibration"; may raise `CancelledError`.
         rooms: of at least two kinds; None: those of the package.
 
-    Rooms that would take it longer than `_LONGEST_S` in all are left out, the last first.
+    After `_LONGEST_S` the rest of the rooms are left out.
 
     Raises:
-        ModelUnavailableError: the detector, its text encoder or the segmenter is missing or damaged, or so slow that
-            some kind of rooms would be left out.
+        ModelUnavailableError: the detector, its text encoder or the segmenter is missing or damaged, or at its pace
+            fewer rooms than there are kinds would be looked at.
     """
     drawn = list(drawn_rooms() if rooms is None else rooms)
     words = sorted({label for room in drawn for label in room.labels.values()})
     settings = settings.model_copy(update={"tags": known_texts(words, settings, models), "tagger": ""})
     named: list[NamedObject] = []
-    begin, limit, kinds = time.monotonic(), len(drawn), len({room.kind for room in drawn})
-    for number, room in enumerate(drawn):
-        if number == limit:
-            break
-        report_progress(ProgressEvent("calibration", number / limit, f"drawn room {number + 1} of {limit}"))
-        named += _named_in_room(room, f"{room.kind}-{number}", settings, models)
-        seconds = (time.monotonic() - begin) / (number + 1)
-        limit = min(limit, max(number + 1, int(_LONGEST_S / seconds)))
-        if limit < kinds:
+    begin, kinds = time.monotonic(), len({room.kind for room in drawn})
+
+    def on_view(number: int, event: ProgressEvent) -> None:
+        fraction = (number + event.fraction) / len(drawn)
+        report_progress(ProgressEvent("calibration", fraction, f"drawn room {number + 1}: {event.message}"))
+        seconds = time.monotonic() - begin
+        if number < kinds and seconds > _LONGEST_S * (number + 1) / kinds:
             raise ModelUnavailableError(
-                f"{settings.open_set_detector} is not calibrated: it takes {seconds:.0f} s for a drawn room",
+                f"{settings.open_set_detector} is too slow to calibrate: {seconds:.0f} s in drawn room {number + 1}",
                 field=settings.open_set_detector,
                 limit=f"{kinds} rooms in {_LONGEST_S} s",
                 hint="Its names are suggestions.",
             )
-    called, detector = [obj for obj in named if obj.name], settings.open_set_detector
-    folder = models / find_model(detector, "open_set_detector")[1]
+
+    for number, room in enumerate(drawn):
+        if time.monotonic() - begin > _LONGEST_S:
+            break
+        named += _named_in_room(room, f"{room.kind}-{number}", settings, models, partial(on_view, number))
+    called = [obj for obj in named if obj.name]
     held_out = _held_out(named, probabilities_left_out(called))
-    known = {"sha256": installed_digests(folder, name=folder.name), "held_out": held_out}
-    return fit_name_model(called, detector).model_copy(update=known)
+    return fit_name_model(called, settings.open_set_detector).model_copy(update={"held_out": held_out})
 
 
-def _named_in_room(room: LabeledRoom, group: str, settings: PerceptionSettings, models: Path) -> list[NamedObject]:
+def _named_in_room(
+    room: LabeledRoom, group: str, settings: PerceptionSettings, models: Path, progress: Progress
+) -> list[NamedObject]:
     with TemporaryDirectory(prefix="fastsplat-") as folder:
         views = []
         for number, (picture, _) in enumerate(room.views):
@@ -106,7 +108,7 @@ def _named_in_room(room: LabeledRoom, group: str, settings: PerceptionSettings, 
             camera = Camera(width, height, width, width, width / 2, height / 2)
             views.append(View(PosedCamera(camera, np.eye(4), path.name), path))  # poses count for nothing here
         maps = [ids.astype(np.int64) for _, ids in room.views]
-        return named_objects(views, maps, list(room.labels.values()), group, settings, models)
+        return named_objects(views, maps, list(room.labels.values()), group, settings, models, progress)
 
 
 def named_objects(
@@ -116,6 +118,7 @@ def named_objects(
     group: str,
     settings: PerceptionSettings,
     models: Path,
+    progress: Progress = silent,
 ) -> list[NamedObject]:
     """What the configured detector calls the objects that photos show.
 
@@ -125,11 +128,12 @@ def named_objects(
     Args:
         maps: int64 [H, W] of each photo, the object of each pixel from 1, 0 for none.
         labels: of the objects, from 1.
+        progress: as of `label_capture`.
     """
     none = np.zeros((0, 3))
     report = CaptureReport("images", len(views))
     capture = Capture(tuple(views), none.astype(np.float32), none.astype(np.uint8), "METRIC", report)
-    labelling = label_capture(capture, settings, models, (), silent)
+    labelling = label_capture(capture, settings, models, (), progress)
     names = [entry.label for entry in labelling.dictionary.entries]
     evidence = name_evidence(mean_scores(maps, labelling.regions, len(labels), len(names)))
     visible = np.max([np.bincount(ids.ravel(), minlength=len(labels) + 1) for ids in maps], axis=0)[1:] >= _LEAST_PX

@@ -191,7 +191,7 @@ def _look_closer(
     boxes = [objects_in_map(object_map(scene, posed, backend=backend)) for posed in cameras]
     fixed = {obj.id for obj in scene.objects.table if obj.source in ("person", "given")}
     best = {i: views for i, views in best_positions(boxes, settings.look_again.closer_views).items() if i not in fixed}
-    total, done = sum(map(len, best.values())), 0
+    total, done, floor = sum(map(len, best.values())), 0, of_open_set(settings.perception).score_floor
     votes: dict[int, dict[str, float]] = {}
     for object_id, positions in best.items():
         object_votes = []
@@ -201,7 +201,7 @@ def _look_closer(
             closer = closer_look(posed, box, sizes[posed.name] / posed.camera.width, _CLOSER_SIDE)
             if closer is not None:
                 picture, _ = paint(closer[0])
-                detections = detector.detect(picture, texts, of_open_set(settings.perception).score_floor)
+                detections = detector.detect(picture, texts, floor)
                 object_votes.append(votes_for(detections, closer[1], NAME_OVERLAP))
             done += 1
             _tell(progress, _DETECTING, 1, done / total, f"looking at object {object_id}, picture {done}/{total}")

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from fastsplat.service.instances.naming.name_models import NameModel, save_name_model
-from fastsplat.service.perception.models.model_files import installed_digests
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.scene.artefact.scene import SH_C0, Object, Objects, Scene, SceneFacts
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
@@ -70,7 +69,5 @@ def measured_detector(models_dir: Path, models: Path, detector: str) -> Path:
     for path in models_dir.glob("*/*"):
         (models / path.parent.name).mkdir(parents=True, exist_ok=True)
         (models / path.relative_to(models_dir)).symlink_to(path)
-    folder = models / detector.rpartition(":")[2]
-    digests = installed_digests(folder, name=folder.name)
-    save_name_model(NameModel(detector=detector, sha256=digests, sets=(), factor=1, offset=0.6, categories={}), models)
+    save_name_model(NameModel(detector=detector, sets=(), factor=1, offset=0.6, categories={}), models)
     return models

@@ -260,7 +260,7 @@ def test_what_was_measured_of_one_detector_says_nothing_of_another(tmp_path: Pat
     digests = {"network.onnx": hashlib.sha256(b"first").hexdigest()}
     counts = HeldOutNames(objects=90, called=60, right=40, chance=3, given=30, given_right=25, expected=24)
     measured = NameModel(
-        detector="owlv2:mine", sha256=digests, sets=("desk",), factor=1.0, offset=2.0, categories={}, held_out=counts
+        detector="owlv2:mine", sets=("desk",), factor=1.0, offset=2.0, categories={}, held_out=counts, sha256=digests
     )
     assert not any(load_name_model(name, tmp_path) for name in ("owlv2:mine", "picodet:mine", ""))
     save_name_model(measured, tmp_path)

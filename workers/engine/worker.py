@@ -43,7 +43,7 @@ EXIT_FENCED = 75
 _EXIT_FAILED = 70
 _CLEANUP_INTERVAL_S = 30.0  # of folders, uploads, logs and rows
 _STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
-_MARGIN_S = 1.0  # by which a cleanup bars its worker's next one, so that each machine comes to clean its folder
+_MARGIN_S = 15.0  # by which a cleanup bars its worker's next one, so that each machine comes to clean its folder
 
 _ROWS_BYTES = 1 << 20
 _FULL_PAUSE_S = 5.0
@@ -144,7 +144,7 @@ def _clean_up(worker: Worker) -> None:
         uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
         remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
         trash_lost_scenes(store, now)
-    if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S):
+    if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S + _MARGIN_S):
         store.blobs.remove_partial(PARTIAL_EXPIRY_S)
         trash_lost_versions(store, min(time.time(), now))
 

@@ -143,9 +143,10 @@ def load_name_model(detector: str, models: Path) -> NameModel | None:
 
 
 def save_name_model(model: NameModel, models: Path) -> None:
-    """Writes a measurement into the detector's folder."""
-    text = json.dumps(model.model_dump(mode="json"), indent=1) + "\n"
-    (_folder(model.detector, models) / STORED).write_text(text, "utf-8")
+    """Writes a measurement of a detector's present files into its folder."""
+    folder = _folder(model.detector, models)
+    stored = model.model_copy(update={"sha256": installed_digests(folder, name=folder.name)})
+    (folder / STORED).write_text(json.dumps(stored.model_dump(mode="json"), indent=1) + "\n", "utf-8")
 
 
 def _folder(detector: str, models: Path) -> Path:
