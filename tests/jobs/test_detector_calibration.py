@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import islice
+from collections.abc import Sequence
+from itertools import count, islice
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -37,11 +37,9 @@ def models(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def _labelled(
-    monkeypatch: pytest.MonkeyPatch, rooms: Sequence[LabeledRoom], knows: float, *, clock: Iterator[float] | None = None
-) -> None:
-    """Objects are segmented as they are, and called by their names in this share, more surely so; else by any."""
-    random, left = np.random.default_rng(3), iter(rooms)
+def _labelled(monkeypatch: pytest.MonkeyPatch, rooms: Sequence[LabeledRoom], knows: float, step_s: int = 0) -> None:
+    """Objects are segmented as they are, and called by their names in this share, else by any; clocks step."""
+    random, left, clock = np.random.default_rng(3), iter(rooms), count(0, step_s)
 
     def label(capture: Capture, settings: PerceptionSettings, *rest: Any) -> Labelling:
         room, names = next(left), settings.tags
@@ -54,14 +52,12 @@ def _labelled(
         regions = []
         for _, ids in room.views:
             present = np.unique(ids[ids > 0])
-            votes = tuple(((called[number]),) for number in present.tolist())
+            votes = tuple((called[number],) for number in present.tolist())
             regions.append(Regions(np.searchsorted(present, ids, "right").astype(np.uint16) * (ids > 0), votes))
-        maps = tuple(np.zeros_like(region.ids) for region in regions)
-        return Labelling(dictionary_of(names), maps, regions=tuple(regions))
+        return Labelling(dictionary_of(names), tuple(region.ids for region in regions), regions=tuple(regions))
 
     monkeypatch.setattr(detector_calibration, "label_capture", label)
-    if clock is not None:
-        monkeypatch.setattr(detector_calibration, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr(detector_calibration, "time", SimpleNamespace(monotonic=lambda: next(clock)))
 
 
 def test_what_a_detector_is_worth_is_predicted_for_rooms_that_set_nothing(
@@ -92,9 +88,9 @@ def test_a_detector_that_knows_nothing_is_refused(
 def test_a_slow_detector_looks_at_fewer_rooms_or_is_refused_at_once(
     monkeypatch: pytest.MonkeyPatch, rooms: Sequence[LabeledRoom], models: Path
 ) -> None:
-    _labelled(monkeypatch, rooms, 0.6, clock=iter(range(0, 10_000, 50)))
+    _labelled(monkeypatch, rooms, 0.6, 50)
     assert len(calibrate_detector(_SETTINGS, models, rooms=rooms).sets) == 12
-    _labelled(monkeypatch, rooms, 0.6, clock=iter(range(0, 10_000, 150)))
+    _labelled(monkeypatch, rooms, 0.6, 150)
     with pytest.raises(ModelUnavailableError, match="300 s in drawn room 1") as caught:
         calibrate_detector(_SETTINGS, models, rooms=rooms)
     assert "1200 s" in caught.value.limit

@@ -6,12 +6,14 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from fastsplat.service.jobs import detector_calibration
 from fastsplat.service.settings import load_settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
@@ -40,6 +42,8 @@ def place(tmp_path: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch) -> 
     }  # fmt: skip
     for name, value in variables.items():
         monkeypatch.setenv(f"FASTSPLAT_{name}", str(value))
+    rooms = tuple(islice(detector_calibration.drawn_rooms(), 2))  # enough for a detector that knows none of them
+    monkeypatch.setattr(detector_calibration, "drawn_rooms", lambda: rooms)
     load_settings.cache_clear()
     training = json.dumps({"iterations": 300, "max_side": 120})
     hub, manifest = planted_hub(tmp_path / "made")
