@@ -20,8 +20,8 @@ from scipy.optimize import minimize
 from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
-from fastsplat.service.instances.naming.name_models import HeldOutNames, NameCategory, NameModel, evidence_logit
-from fastsplat.service.instances.naming.naming import NAMED_FROM, name_evidence
+from fastsplat.service.instances.naming.name_models import F64, HeldOutNames, NameCategory, NameModel, evidence_logit
+from fastsplat.service.instances.naming.naming import MOST_SEEN, NAMED_FROM, name_evidence
 from fastsplat.service.instances.scene_objects import NAME_OVERLAP
 from fastsplat.service.jobs.looks_rooms import LabeledRoom, drawn_rooms
 from fastsplat.service.perception.detectors.open_detectors import known_texts
@@ -32,12 +32,8 @@ from fastsplat.service.query.phrases.object_looks import is_true_of
 from fastsplat_contract.errors import ModelUnavailableError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
-F64 = NDArray[np.float64]
-
 _LEAST_PX = 64  # pixels of an object from which a photo shows it
-_MOST_SHOWN = 0.5  # share of an object's usual pixels from which a photo shows most of it
-_LONGEST_S = 1200
-"""Seconds for all rooms; OWLv2 takes half of them on two cores."""
+_LONGEST_S = 1200  # for all rooms; OWLv2 takes half of it on two cores
 _RIDGE = 0.5  # of the names' offsets, whose mean is 0; the most probable one for kinds left out of 0.5, 1, 2 and 4
 
 
@@ -156,7 +152,7 @@ def mean_scores(maps: Sequence[NDArray[np.int64]], regions: Sequence[Regions], o
     """
     area = np.array([np.bincount(ids.ravel(), minlength=objects + 1)[1 : objects + 1] for ids in maps])
     usual = [np.median(areas[areas >= _LEAST_PX]) if (areas >= _LEAST_PX).any() else np.inf for areas in area.T]
-    able = ((area >= _LEAST_PX) & (area >= _MOST_SHOWN * np.array(usual))).sum(axis=0)
+    able = ((area >= _LEAST_PX) & (area >= MOST_SEEN * np.array(usual))).sum(axis=0)
     scores = np.zeros((objects, names + 1))
     for ids, photo_regions, photo_areas in zip(maps, regions, area, strict=True):
         best = np.zeros_like(scores)

@@ -200,7 +200,7 @@ def _predicted(measured: _Objects, kind: str) -> dict[str, float]:
     right = np.take_along_axis(rooms.names_right, of_names.argmax(axis=1)[:, None], axis=1)[:, 0]
     sure = logistic(log_odds(name, logit(of_names.max(axis=1))))
     most, there = _by_room(rooms, of_words, text)
-    refused = logistic(log_odds(present, most)) <= RATHER
+    refused = logistic(log_odds(present, most)) < RATHER
     given = sure >= NAMED_FROM
     return {
         "right": int(right.sum()),

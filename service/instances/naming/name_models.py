@@ -93,6 +93,12 @@ class NameModel(BaseModel):
         return counts.called > 0 and counts.right - counts.chance > _SURE * error
 
     @property
+    def found_share(self) -> float | None:
+        """Share of the objects that photos show that are called right, 0..1; None: counted by name for the default."""
+        counts = self.held_out
+        return None if counts is None else counts.right / counts.objects if self.measured else 0.0
+
+    @property
     def summary(self) -> str:
         """One sentence for people."""
         counts = self.held_out
@@ -127,11 +133,8 @@ def load_name_model(detector: str, models: Path) -> NameModel | None:
         return default_name_model()
     try:
         folder = _folder(detector, models)
-    except ModelUnavailableError:  # a closed-set detector of the user's own
-        return None
-    try:
         found = NameModel.model_validate_json((folder / STORED).read_text("utf-8"))
-    except FileNotFoundError:
+    except (FileNotFoundError, ModelUnavailableError):  # never measured, or a closed-set detector of the user's own
         return None
     except (ValueError, OSError) as error:
         raise ModelUnavailableError(

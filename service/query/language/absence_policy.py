@@ -58,6 +58,7 @@ class Vocabulary:
 
     names: Sequence[str]  # that were looked for
     lexicon: Lexicon | None  # knows kinds of objects; None: only names and the list of common objects count
+    usually_found: float | None = None  # share of objects called by their names; None: as the default detector calls
 
     @cached_property
     def _dictionary(self) -> Dictionary:
@@ -89,6 +90,14 @@ class Vocabulary:
         """True if a text as a whole is a name of something."""
         return common_objects(text)[1] or bool(self.lexicon and self.lexicon.senses(text))
 
+    def found_share(self, word: str) -> float:
+        """Share of objects of this name that the detector finds, 0..1."""
+        if self.usually_found is not None:
+            return self.usually_found
+        names, usual = _found()
+        found, objects = names.get(label_key(word), (0, 0))
+        return (found + usual * _PRIOR) / (objects + _PRIOR)
+
     def class_of(self, text: str) -> str:
         """Lexical class of a text's (or its end's) most frequent sense; "" if unknown."""
         words = text.split(" ")
@@ -108,13 +117,6 @@ class Vocabulary:
 def _found() -> tuple[Mapping[str, tuple[int, int]], float]:
     stored = json.loads(FOUND.read_text())
     return stored["names"], stored["share"]
-
-
-def found_share(word: str) -> float:
-    """Share of objects of this name that the default detector finds, 0..1."""
-    names, usual = _found()
-    found, objects = names.get(label_key(word), (0, 0))
-    return (found + usual * _PRIOR) / (objects + _PRIOR)
 
 
 def with_absence_judged(
@@ -151,11 +153,11 @@ def with_absence_judged(
     seen = names.labels.id_of(word) if word else None
     presence: float | None = None
     if word and not (seen and names.labels.entries[seen - 1].views):
-        missed = 1.0 - found_share(word)
+        missed = 1.0 - vocabulary.found_share(word)
         presence = missed / (1.0 + missed)
     elif vocabulary.class_of(text) or vocabulary.knows(text):
         presence = presence_by_looks(ranked, [obj.id for obj in fitting])
-    if presence is not None and presence <= RATHER:
+    if presence is not None and presence < RATHER:
         absent = replace(nothing, probability=None, object_ids=(), relation="absent")
         if answer.presence is not None:
             absent = replace(absent, presence=presence, probability=1.0 - presence)

@@ -123,16 +123,8 @@ class SceneRepository(Repository):
             return None
         with self._reading() as connection:
             here = select(operations).where(operations.c.request_id == request_id, operations.c.project == project)
-            row = connection.execute(here).mappings().first()
-        if row is None:
-            return None
-        if row["request_digest"] != digest:
-            raise ConflictError(
-                f"request id {request_id!r} was used before, for other content",
-                field="request_id",
-                hint="Send the very same name, options and files again, or choose a new request id.",
-            )
-        return as_operation(row)
+            row = requested_before(connection, here, request_id, digest, "content")
+        return None if row is None else as_operation(row)
 
     def operation(self, operation_id: str) -> OperationRecord:
         with self._reading() as connection:
@@ -292,6 +284,20 @@ def queued_row(job: NewJob) -> dict[str, Any]:
     columns = {name: value for name, value in vars(job).items() if name not in more}
     of_request = {"id": job.operation_id, "request_id": job.request_id or None}
     return {**columns, **of_request, "state": "QUEUED", "stages": [], "created_at": now, "updated_at": now}
+
+
+def requested_before(
+    connection: Connection, rows: Select[Any], request_id: str, digest: str, content: str
+) -> RowMapping | None:
+    """Reads the row of a request id; raises `ConflictError` if it is of another digest, so of other `content`."""
+    row = connection.execute(rows).mappings().first()
+    if row is not None and row["request_digest"] != digest:
+        raise ConflictError(
+            f"request id {request_id!r} was used before, for other {content}",
+            field="request_id",
+            hint=f"Send the very same {content} again, or choose a new request id.",
+        )
+    return row
 
 
 def no_operation(operation_id: str) -> NotFoundError:

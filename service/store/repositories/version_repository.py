@@ -15,7 +15,7 @@ from sqlalchemy import Connection, delete, exists, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.repositories.name_repository import VersionNames, forget_names, record_names
-from fastsplat.service.store.repositories.scene_repository import no_scene
+from fastsplat.service.store.repositories.scene_repository import no_scene, requested_before
 from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, require, require_fields
 from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.records import SceneRecord
@@ -126,16 +126,8 @@ class VersionRepository(Repository):
             return None
         with self._reading() as connection:
             here = _ALL.where(_ROWS.scene_id == scene_id, _ROWS.request_id == request_id)
-            row = connection.execute(here).mappings().first()
-        if row is None:
-            return None
-        if row["request_digest"] != digest:
-            raise ConflictError(
-                f"request id {request_id!r} was used before, for other edits",
-                field="request_id",
-                hint="Send the very same edits again, or choose a new request id.",
-            )
-        return VersionRecord(**row)
+            row = requested_before(connection, here, request_id, digest, "edits")
+        return None if row is None else VersionRecord(**row)
 
     def publish(self, new: NewVersion) -> tuple[VersionRecord, Sequence[str]]:
         """Makes a version current if its parent still is.

@@ -183,6 +183,10 @@ def test_absence_is_said_only_where_it_can_be_known(
     named = SceneIndex(apply_edit(index, name((4, 7, 9), "jar")), calibrated_encoder, settings, lexicon=lexicon)
     (keyboard,) = named.ask([phrasing.format("keyboard")])
     assert (keyboard.outcome, keyboard.object_ids) == ("not_here", ())
+    for found, said in ((0.25, ("not_here", pytest.approx(1 / 1.75))), (0.0, ("cannot_say", None))):
+        scene = replace(discovered, facts=replace(facts, found_share=found))
+        (spoon,) = SceneIndex(scene, calibrated_encoder, settings, lexicon=lexicon).ask([phrasing.format("spoon")])
+        assert (spoon.outcome, spoon.probability) == said
 
 
 def test_what_looks_alike_is_suggested_and_never_named(discovered: Scene) -> None:
