@@ -87,7 +87,7 @@ def measured(scene: Scene, dataset: Dataset, truth: Truth) -> Measured:
     parts = {
         name: np.zeros(ids.shape, np.int32)
         if scene_parts is None
-        else renderer.part_map(posed[name], scene_parts).astype(np.int32)
+        else renderer.id_map(posed[name], scene_parts).astype(np.int32)
         for name, ids in objects.items()
     }
     return Measured(scene, dataset, truth, objects, parts, count_objects(scene, dataset, objects))

@@ -265,8 +265,8 @@ def scene_facts(
     report, scale, vertical = capture.report, capture.report.scale, capture.report.vertical
     private = is_private(capture, settings)
     model = load_name_model(labelling.detector, settings.models)
-    doubted = bool(labelling.regions) and not (model and model.measured)
-    unmeasured = (f"the scores of {labelling.detector} are not measured: its names are suggestions",) * doubted
+    share = (model.found_share if model else 0.0) if labelling.regions else None
+    unmeasured = (f"the scores of {labelling.detector} are not measured: its names are suggestions",) * (share == 0.0)
     times = {} if private else {v.posed.name: v.taken_at for v in capture.views if v.taken_at is not None}
     names = [entry.label for entry in labelling.dictionary.entries] if labelling.exact else labelling.searched
     return replace(
@@ -284,7 +284,7 @@ def scene_facts(
         label_source="none" if not len(labelling.dictionary) else "given" if labelling.exact else "detected",
         searched_names=None if names is None else len(names),
         searched_for=None if names is None else tuple(names),
-        found_share=0.0 if doubted else None if model is None else model.found_share,
+        found_shares={} if share is None else dict.fromkeys(names or (), share),
         scale_source=None if scale is None else scale.source,
         scale_error_95=None if scale is None else scale.relative_error_95,
         vertical_source=None if vertical is None else vertical.source,

@@ -68,6 +68,7 @@ class Sightings:
         found: by object id, the probability 0..1 of each text detected there.
         regions: number of detected regions.
         unmatched: number of regions that match no object.
+        found_share: of objects that the detector calls by their names, 0..1.
     """
 
     texts: tuple[str, ...]
@@ -76,6 +77,7 @@ class Sightings:
     regions: int
     unmatched: int
     rendered: bool = True
+    found_share: float = 0.0
 
 
 def look_for(
@@ -158,10 +160,11 @@ def look_for(
     for object_id, closer in _look_closer(scene, cameras, pictures, detector, texts, settings, progress).items():
         whole = found.get(object_id, {})
         found[object_id] = {name: max(whole.get(name, 0.0), closer.get(name, 0.0)) for name in {**whole, **closer}}
-    found = _probabilities(found, load_name_model(labelling.detector, settings.models))
+    model = load_name_model(labelling.detector, settings.models)
+    found, share = _probabilities(found, model), model.found_share or 0.0 if model else 0.0
     regions = sum(1 for view_regions in labelling.regions for region in view_regions.votes if region)
     _tell(progress, 0, 1, 1, f"{regions} found in {len(used)} views, {votes.unmatched} of them no object's")
-    return Sightings(tuple(texts), used_names, found, regions, votes.unmatched, paint is None)
+    return Sightings(tuple(texts), used_names, found, regions, votes.unmatched, paint is None, share)
 
 
 def _probabilities(scores: Mapping[int, Mapping[str, float]], model: NameModel | None) -> dict[int, dict[str, float]]:
@@ -240,19 +243,20 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
         regions=sightings.regions,
         unmatched=sightings.unmatched,
     )
-    facts = _searched(scene.facts, sightings.texts)
+    facts = _searched(scene.facts, sightings.texts, sightings.found_share)
     if not (added.named or added.suggested):
         return replace(index.scene, facts=facts), result
     objects = replace(added.objects, table=tuple(table))
     return replace(scene, objects=objects, facts=facts), result
 
 
-def _searched(facts: SceneFacts, texts: Sequence[str]) -> SceneFacts:
+def _searched(facts: SceneFacts, texts: Sequence[str], found_share: float) -> SceneFacts:
     """Adds texts to the names that were searched for."""
     listed = facts.searched_for or ()
     known = {label_key(name) for name in listed}
-    listed += tuple(text for text in texts if label_key(text) not in known)
-    return replace(facts, searched_names=len(listed), searched_for=listed)
+    new = {text: found_share for text in texts if label_key(text) not in known}
+    listed += tuple(new)
+    return replace(facts, searched_names=len(listed), searched_for=listed, found_shares={**facts.found_shares, **new})
 
 
 def _candidates(scene: Scene) -> list[PosedCamera]:

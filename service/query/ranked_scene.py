@@ -74,7 +74,7 @@ class RankedScene:
         self.ranker = ranker
         self.names = names
         self.words = ObjectWords(names)
-        self.vocabulary = Vocabulary(names.searched_for, ranker.lexicon, scene.facts.found_share)
+        self.vocabulary = Vocabulary(names.searched_for, ranker.lexicon, scene.facts.found_shares)
         self.written = WrittenWords(tuple(obj for obj in names.present if obj.reads))
         self.looks = ObjectLooks(names.present, looks)
         self.unseen = unseen

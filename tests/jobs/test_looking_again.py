@@ -102,10 +102,12 @@ def test_the_names_that_were_searched_for_grow(settings: Settings, table: Table,
     index, _ = table
     scene, _ = name_sightings(index, looked[0], settings)
     assert scene.facts.searched_names == 80 + 14
-    again, _ = name_sightings(index.after(scene), replace(looked[0], texts=("Mugs", "trophy"), found={}), settings)
-    assert again.facts.searched_names == 80 + 15
-    (answer,) = index.after(again).ask(["trophy"])
-    assert answer.is_absent and answer.searched.names == 95
+    for share, outcome in ((0.0, "cannot_say"), (0.4, "not_here")):  # of a detector that is not measured, and measured
+        later = replace(looked[0], texts=("Mugs", "trophy"), found={}, found_share=share)
+        again, _ = name_sightings(index.after(scene), later, settings)
+        assert again.facts.searched_names == 80 + 15
+        (answer,) = index.after(again).ask(["trophy"])
+        assert (answer.outcome, answer.searched.names) == (outcome, 95)
 
 
 def test_a_persons_names_stay(settings: Settings, table: Table, looked: Looked) -> None:

@@ -58,7 +58,7 @@ class Vocabulary:
 
     names: Sequence[str]  # that were looked for
     lexicon: Lexicon | None  # knows kinds of objects; None: only names and the list of common objects count
-    usually_found: float | None = None  # share of objects called by their names; None: as the default detector calls
+    found_shares: Mapping[str, float]  # of objects called by a name, where it was not the default detector that looked
 
     @cached_property
     def _dictionary(self) -> Dictionary:
@@ -92,11 +92,9 @@ class Vocabulary:
 
     def found_share(self, word: str) -> float:
         """Share of objects of this name that the detector finds, 0..1."""
-        if self.usually_found is not None:
-            return self.usually_found
         names, usual = _found()
         found, objects = names.get(label_key(word), (0, 0))
-        return (found + usual * _PRIOR) / (objects + _PRIOR)
+        return self.found_shares.get(word, (found + usual * _PRIOR) / (objects + _PRIOR))
 
     def class_of(self, text: str) -> str:
         """Lexical class of a text's (or its end's) most frequent sense; "" if unknown."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
 from typing import Any, Literal, get_type_hints
@@ -37,7 +37,7 @@ class SceneFacts:
     label_source: LabelSource | None = None
     searched_names: int | None = None  # number of `searched_for`
     searched_for: tuple[str, ...] | None = None  # names that were looked for in the photos
-    found_share: float | None = None  # of objects that the detector calls by their names; None: the default detector's
+    found_shares: Mapping[str, float] = field(default_factory=dict)  # see `Vocabulary`; by name searched
     scale_source: str | None = None  # of meters measured by the capture: sources joined by "+"
     scale_error_95: float | None = None  # half the 95 % interval of a length, relative
     vertical_source: str | None = None  # of the capture's vertical, which is +z of the trained version

@@ -184,7 +184,7 @@ def test_absence_is_said_only_where_it_can_be_known(
     (keyboard,) = named.ask([phrasing.format("keyboard")])
     assert (keyboard.outcome, keyboard.object_ids) == ("not_here", ())
     for found, said in ((0.25, ("not_here", pytest.approx(1 / 1.75))), (0.0, ("cannot_say", None))):
-        scene = replace(discovered, facts=replace(facts, found_share=found))
+        scene = replace(discovered, facts=replace(facts, found_shares={"spoon": found}))
         (spoon,) = SceneIndex(scene, calibrated_encoder, settings, lexicon=lexicon).ask([phrasing.format("spoon")])
         assert (spoon.outcome, spoon.probability) == said
 
