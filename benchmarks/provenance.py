@@ -141,7 +141,7 @@ def _with_origins(name: str, document: Mapping[str, Any]) -> Mapping[str, Any]:
         raise ValueError(f"{name}: nothing names its {', '.join(_ORIGIN)}")
     for row in unknown:
         print(f"{name}: left out, as it does not say where it comes from: {row}", flush=True)
-    return {**document, "rows": known} if "rows" in document else known  # type: ignore[no-any-return]  # rows are JSON
+    return {**document, "rows": known} if "rows" in document else known
 
 
 def _names_its_origin(row: Any) -> bool:

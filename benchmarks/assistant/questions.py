@@ -105,10 +105,10 @@ def _questions(layout: Layout, kind: str, view: str, rest: str, number: int) -> 
     if kind == "absent":
         yield from (Question(layout.name, kind, name) for name in names_of(text))
     elif kind in ("size", "distance"):
-        keys = [key.strip() for key in text.split("|")]
-        if len(keys) != 1 + (kind == "distance"):
+        ends = [key.strip() for key in text.split("|")]
+        if len(ends) != 1 + (kind == "distance"):
             raise ValueError(f"line {number}: {text!r} is not to be measured")
-        yield Question(layout.name, kind, text, objects=tuple(layout.ids[key] for key in keys))
+        yield Question(layout.name, kind, text, objects=tuple(layout.ids[key] for key in ends))
     elif kind in ("find", "names", "count") and arrow:
         names = names_of(truth)
         objects = frozenset().union(*(layout.bearing(name) for name in names))
@@ -116,7 +116,7 @@ def _questions(layout: Layout, kind: str, view: str, rest: str, number: int) -> 
             raise ValueError(f"line {number}: nothing bears {truth!r}")
         yield Question(layout.name, kind, text, names=names, objects=tuple(sorted(objects)))
     elif kind in ("count of", "relations", "where") and arrow:
-        keys = [] if truth in ("nothing", "refused") else names_of(truth)
+        keys: Sequence[str] = () if truth in ("nothing", "refused") else names_of(truth)
         ids = None if truth == "refused" else tuple(sorted(layout.ids[key] for key in keys))
         yield Question(layout.name, kind, text, view, objects=ids)
     else:

@@ -267,7 +267,8 @@ def _listed(scored: Sequence[ScoredQuestion], calibration: ScoreCalibration, sha
 
 def related_rows(scores: F64, entry: F64, calibration: ScoreCalibration, share: float) -> NDArray[np.bool_]:
     """The rule of `service.query.language.ranking`: above the threshold, and likely enough unless it leads."""
-    return (scores >= calibration.related) & ((entry >= share) | (scores == scores.max()))
+    likely: NDArray[np.bool_] = (scores >= calibration.related) & ((entry >= share) | (scores == scores.max()))
+    return likely
 
 
 def _exact_from(pairs: Sequence[Pair], values: F64) -> float:
@@ -366,9 +367,9 @@ def main() -> None:
         "negatives": settings.negatives,
         "date": datetime.date.today().isoformat(),
         "scores": {name: calibration.model_dump() for name, (calibration, _) in results.items()},
-        "figures": {name: figures for name, (_, figures) in results.items()},
+        "figures": (figures := {name: row for name, (_, row) in results.items()}),
     }
-    print(_written(entry["figures"]))
+    print(_written(figures))
     if not arguments.dry_run:
         _write(FILE, calibration_key(encoder.name, encoder.sha256), entry)
 

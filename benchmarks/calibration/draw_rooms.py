@@ -49,7 +49,7 @@ def _sample() -> tuple[list[str], Views]:
 
 
 def _spread(count: int) -> list[int]:
-    return np.linspace(0, count - 1, _VIEWS).round().astype(int).tolist()
+    return [round(at) for at in np.linspace(0, count - 1, _VIEWS)]
 
 
 def _main() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections import Counter
+from collections import defaultdict
 from types import FrameType, TracebackType
 from typing import Self
 
@@ -20,7 +20,7 @@ class OwnSeconds:
     other programs, a kernel, a model, a library, is its own."""
 
     def __init__(self) -> None:
-        self._seconds: Counter[str] = Counter()
+        self._seconds: defaultdict[str, float] = defaultdict(float)
         self._over = threading.Event()
         self._watcher = threading.Thread(target=self._watch, args=(threading.get_ident(),), daemon=True)
 
@@ -35,9 +35,8 @@ class OwnSeconds:
     def rows(self) -> dict[str, float]:
         """Seconds by file and function, most first; those below a two-hundredth of all are left out."""
         total = sum(self._seconds.values())
-        return {
-            name: round(seconds, 1) for name, seconds in self._seconds.most_common() if seconds >= _LEAST_SHARE * total
-        }
+        ordered = sorted(self._seconds.items(), key=lambda row: -row[1])
+        return {name: round(seconds, 1) for name, seconds in ordered if seconds >= _LEAST_SHARE * total}
 
     def _watch(self, thread: int) -> None:
         before = time.monotonic()

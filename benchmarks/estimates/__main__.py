@@ -23,7 +23,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import cv2
+from PIL import Image
 
 from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, parser_of, provenance, put_row
 from benchmarks.whole_jobs import run_job
@@ -71,7 +71,8 @@ def _photos(folder: Path, count: int) -> list[Path]:
 def _measured(photos: list[Path], options: argparse.Namespace) -> dict[str, Any]:
     start = begin()
     readings: list[tuple[float, float]] = []
-    height, width = cv2.imread(str(photos[len(photos) // 2])).shape[:2]
+    with Image.open(photos[len(photos) // 2]) as photo:
+        width, height = photo.size
     with tempfile.TemporaryDirectory() as folder:
         settings = Settings(data_dir=Path(folder) / "data")
         speed = machine_speed(settings.training.backend)

@@ -26,9 +26,10 @@ from benchmarks.evaluation.datasets.dataset import Dataset
 from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import training_capture
 from benchmarks.evaluation.scene_evaluation import evaluate_scene
+from benchmarks.evaluation.validation_split import Split
 from benchmarks.objects.discovered import draw_sheet, settings_by_steps, timed, trained_scene
 from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, parser_of, provenance, write_json
-from benchmarks.splits import Split, add_split, results_file
+from benchmarks.splits import add_split, results_file
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.capture_files import load_capture

@@ -17,6 +17,7 @@ import hashlib
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ class HashEncoder:
         """float32 [N, 16], unit length."""
         seeds = [int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little") for text in texts]
         vectors = np.stack([np.random.default_rng(seed).standard_normal(16) for seed in seeds])
-        return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
+        return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), np.float32)
 
 
 _CHOSEN_ON = "bounds of relations, sizes and colors: on the rooms of seeds 1000 and 2000"
@@ -93,7 +94,7 @@ def answer_drawn(decided: int, seed: int = 0) -> list[Answered]:
             asker = None if case.asker is None else world @ case.asker
             index = indices[case.vertical]
             query = check_query((case.text,), settings)
-            (answer,) = RankedQuery(index.ranked, query).answer(lambda index=index: index.objects, asker)
+            (answer,) = RankedQuery(index.ranked, query).answer(partial(getattr, index, "objects"), asker)
             answered.append(_judged(case, room_seed, answer))
         room_seed += 1
     return answered

@@ -58,8 +58,8 @@ def _through_another_lens(pixels: np.ndarray) -> np.ndarray:
     height, width = pixels.shape[:2]
     x, y = np.meshgrid((np.arange(width) - width / 2) / width, (np.arange(height) - height / 2) / width)
     factor = 1 + 1.5 * (x**2 + y**2)
-    at = [(part * factor * width + side / 2).astype(np.float32) for part, side in ((x, width), (y, height))]
-    return np.asarray(cv2.remap(pixels, *at, cv2.INTER_LINEAR))
+    left, top = ((part * factor * width + side / 2).astype(np.float32) for part, side in ((x, width), (y, height)))
+    return np.asarray(cv2.remap(pixels, left, top, cv2.INTER_LINEAR))
 
 
 def _forty_megapixels(pixels: np.ndarray) -> bytes:
@@ -181,7 +181,9 @@ def _spoil_photo(
         failures.append(f"{where}: {error}")
         return
     placed, report = _placed(capture), capture.report
-    reasons = {verdict.name: verdict.not_placed for verdict in report.photos if verdict.not_placed and verdict.advice}
+    reasons: dict[str, str] = {
+        verdict.name: verdict.not_placed for verdict in report.photos if verdict.not_placed and verdict.advice
+    }
     reasons |= {Path(path).name: "left out" for path in report.left_out}
     for file in spoiled:
         kinds[Path(file).stem]["placed" if file in placed else reasons.get(file, "unnamed")] += 1

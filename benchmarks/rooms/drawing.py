@@ -100,7 +100,8 @@ def write_room(name: str, folder: Path, *, views: int | None = None, width: int 
     for part in ("images", "instances", "parts"):
         (folder / part).mkdir(parents=True, exist_ok=True)
     frames: list[dict[str, Any]] = []
-    train, test = [], []
+    train: list[RoomView] = []
+    test: list[RoomView] = []
     for number, pose in enumerate(room.poses[:views]):
         file = f"{number:03d}"
         picture = studio.draw(PosedCamera(camera, pose, f"images/{file}.jpg"))

@@ -106,7 +106,7 @@ def worded(size: tuple[int, int], ground: str, words: Sequence[tuple[str, float,
         (wide, high), _ = cv2.getTextSize(word, cv2.FONT_HERSHEY_DUPLEX, scale, thick)
         corner = (int((width - wide) / 2), int(line * height + high / 2))
         cv2.putText(picture, word, corner, cv2.FONT_HERSHEY_DUPLEX, scale, color, thick, cv2.LINE_AA)
-    return picture.astype(np.float32) / 255
+    return picture.astype(np.float32) / np.float32(255)
 
 
 @cache

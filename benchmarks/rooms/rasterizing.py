@@ -83,7 +83,7 @@ def projected_into(
     y = (camera.fy * camera_points[:, 1] / depth + camera.cy) * steps - shift
     more = steps - 1
     projected = np.stack([x, y, 1 / np.maximum(camera_points[:, 2], NEAR)], axis=1)
-    front = (camera_points[:, 2] > NEAR)[soup.triangles].all(axis=1)
+    front = np.all((camera_points[:, 2] > NEAR)[soup.triangles], axis=1)
     return projected, front, (camera.height * steps + more, camera.width * steps + more)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -114,10 +115,10 @@ def truth_of(
 
 def write_truth(truth: Truth, path: Path) -> None:
     """As one NPZ, silhouettes as bits."""
-    arrays = {name: getattr(truth, name) for name in _ARRAYS}
-    words = {name: np.array(getattr(truth, name), dtype=np.str_) for name in _WORDS}
+    arrays: dict[str, Any] = {name: getattr(truth, name) for name in _ARRAYS}
+    arrays |= {name: np.array(getattr(truth, name), dtype=np.str_) for name in _WORDS}
     shape = np.array(truth.silhouettes.shape)
-    np.savez_compressed(path, bits=np.packbits(truth.silhouettes), shape=shape, **arrays, **words)
+    np.savez_compressed(path, bits=np.packbits(truth.silhouettes), shape=shape, **arrays)
 
 
 def read_truth(path: Path) -> Truth:
@@ -125,9 +126,9 @@ def read_truth(path: Path) -> Truth:
     with np.load(path) as stored:
         shape = stored["shape"]
         bits = np.unpackbits(stored["bits"], count=int(np.prod(shape))).reshape(shape).astype(np.bool_)
-        words = {name: tuple(stored[name].tolist()) for name in _WORDS}
-        arrays = {name: stored[name] for name in _ARRAYS}
-    return Truth(**words, **arrays, silhouettes=bits)
+        arrays: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
+        arrays |= {name: tuple(stored[name].tolist()) for name in _WORDS}
+    return Truth(**arrays, silhouettes=bits)
 
 
 def _upright_box(points: F64) -> tuple[F64, F64, F64]:

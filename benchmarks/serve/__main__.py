@@ -83,7 +83,7 @@ def _overhead(settings: Settings, scene: str, api: Api, note: Note) -> None:
     metadata = (("authorization", f"Bearer {api.key}"),)
     with grpc.insecure_channel(f"127.0.0.1:{api.grpc_port}") as channel, api.http() as http, service:
         stub = SceneServiceStub(channel)
-        ways = {
+        ways: dict[str, Callable[[str], object]] = {
             "in_process": lambda text: service.answers.query(QueryRequest(scene, (text,))),
             "rest": lambda text: http.get("/query", params={"text": text, "scene": scene}).raise_for_status(),
             "grpc": lambda text: list(stub.Query(pb.QueryRequest(scene_id=scene, texts=[text]), metadata=metadata)),

@@ -77,7 +77,7 @@ def seen_around(scene: Scene, cameras: int = 24) -> Scene:
 def add_scene(store: Store, scene: Scene, like: str = "") -> str:
     """Store a scene and return its id. With `like`, hard links to that scene's files stand in for files of its own."""
     scene_id, operation_id = uuid.uuid4().hex, uuid.uuid4().hex
-    options = {"labels": [], "time_budget_s": None, "max_gaussians": None}
+    options: dict[str, object] = {"labels": [], "time_budget_s": None, "max_gaussians": None}
     store.scenes.create(NewJob(scene_id, operation_id, "room", "", "", uuid.uuid4().hex, options))
     folder = store.blobs.version(scene_id, "1")
     if like:

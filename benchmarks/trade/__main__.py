@@ -28,8 +28,10 @@ from benchmarks.trade.draw import draw
 from benchmarks.trade.trade_rows import BASE, Row, all_rows
 
 _LONGEST_ROW_S = 1_800
-_COLUMNS = ("wall_s", "cpu_s", "peak_mb", "bytes", "gaussians", "psnr_cc", "ssim", "miou", "boundary_iou")
-_COLUMNS += ("localization", "label_map_ms")
+_COLUMNS = [
+    *("wall_s", "cpu_s", "peak_mb", "bytes", "gaussians", "psnr_cc", "ssim", "miou", "boundary_iou"),
+    *("localization", "label_map_ms"),
+]
 
 
 _NOTE = (

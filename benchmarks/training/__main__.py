@@ -16,8 +16,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks.evaluation.validation_split import Split
 from benchmarks.provenance import RESULTS, begin, chosen_on, parser_of, peak_megabytes, provenance, write_json
-from benchmarks.splits import HELD_OUT, Split, add_split, results_file, with_split
+from benchmarks.splits import HELD_OUT, add_split, results_file, with_split
 from benchmarks.training.drawn_light import in_drawn_light
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.common.dictionary import Dictionary

@@ -151,7 +151,7 @@ def shelf(rng: Random, size: tuple[float, float, float], boards: int) -> Meshes:
 
 def shelf_heights(height: float, boards: int) -> list[float]:
     """Tops of a shelf's boards, the lowest near the floor, the highest at the end of the sides."""
-    return np.linspace(0.05, height, boards).tolist()
+    return [float(top) for top in np.linspace(0.05, height, boards)]
 
 
 def framed_print(rng: Random) -> Meshes:
