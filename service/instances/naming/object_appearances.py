@@ -57,7 +57,7 @@ def with_appearances(
         max_side: pixels of the rendered image's longer side.
         looks: computes embeddings; None: no looks.
     """
-    owners = _drawn_owners(objects, gaussians, views, max_side, backend)
+    owners = drawn_owners(objects, gaussians, views, _MAX_VIEWS, max_side, backend)
     best = best_sights(owners, [obj.id for obj in objects.table])
     features: dict[int, list[NDArray[np.float32]]] = {obj: [] for obj in best}
     embeddings: dict[int, list[NDArray[np.float32]]] = {obj: [] for obj in best}
@@ -85,16 +85,17 @@ def with_appearances(
     return replace(objects, table=tuple(map(described, objects.table)))
 
 
-def _drawn_owners(
-    objects: Objects, gaussians: Gaussians, views: Sequence[View], max_side: int, backend: Backend
-) -> Iterator[tuple[int, NDArray[np.integer]]]:
+def drawn_owners(
+    objects: Objects, gaussians: Gaussians, views: Sequence[View], most: int, max_side: int, backend: Backend
+) -> Iterator[tuple[int, NDArray[np.uint16]]]:
+    """Yields numbers of at most `most` views with the object of each pixel, uint16 [h, w], 0 for none."""
     device = device_of(backend)
     splats, blend = splats_of(gaussians, device=device), objects_blend(objects, gaussians.codes, device)
-    for number in spread(len(views), _MAX_VIEWS):
+    for number in spread(len(views), most):
         camera = training_size(views[number].posed.camera, max_side)
         viewmat = torch.from_numpy(views[number].posed.camera_from_world().astype(np.float32)).to(device)
         drawn = blend.render(splats, viewmat, camera, alpha_min=_ALPHA_MIN, relevancy=None, backend=backend)
-        yield number, drawn.classes.cpu().numpy()
+        yield number, drawn.classes.cpu().numpy().astype(np.uint16)
 
 
 def best_sights(

@@ -15,22 +15,17 @@ from fastsplat.service.capture.build import load_image
 from fastsplat.service.capture.captures import View
 from fastsplat.service.capture.formats.capture_files import load_content
 from fastsplat.service.common.edit_distance import text_difference
-from fastsplat.service.perception.label_maps.capture_detection import spread
+from fastsplat.service.instances.naming.object_appearances import drawn_owners
 from fastsplat.service.perception.readers.printed_codes import read_codes
 from fastsplat.service.perception.results import LineReader, Writing
 from fastsplat.service.scene.artefact.reads import bounded_reads, one_line
 from fastsplat.service.scene.artefact.scene import Gaussians, Objects
-from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.labels.blending import objects_blend
-from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend
-from fastsplat.service.splatting.training_views import training_size
 from fastsplat_contract.messages.object_reads import ObjectRead, ReadKind
 
 _MOST_DRAWN = 64  # number of views among which those to be read are chosen
 _MOST_READ = 32
 _BEST = 4  # number of views to read per object, those that show most of it
-_ALPHA_MIN = 0.5
 _INSIDE = 0.6  # share of a line's pixels that must belong to one object
 _LEAST_LETTERS = 2
 _MOST_SIGHTINGS = 400  # limit per object, the surest, as comparisons grow with its square
@@ -74,7 +69,7 @@ def with_reads(
         max_side: pixels of the rendered image's longer side.
         on_view: called for every view that was read.
     """
-    owners = _owners(objects, gaussians, views, max_side, backend)
+    owners = dict(drawn_owners(objects, gaussians, views, _MOST_DRAWN, max_side, backend))
     chosen = _views_to_read(owners, [obj.id for obj in objects.table])
     sightings: dict[int, list[tuple[int, Writing]]] = {}
     for done, number in enumerate(chosen, start=1):
@@ -144,21 +139,6 @@ def _key(text: str) -> str:
 def _probability(sure: Sequence[float]) -> float:
     """Probability that not all readings are wrong, each of another view."""
     return float(1 - np.prod([1 - _TRUST * probability for probability in sure]))
-
-
-def _owners(
-    objects: Objects, gaussians: Gaussians, views: Sequence[View], max_side: int, backend: Backend
-) -> dict[int, NDArray[np.uint16]]:
-    """Maps view numbers to uint16 [h, w], the object of each pixel, 0 for none."""
-    device = device_of(backend)
-    splats, blend = splats_of(gaussians, device=device), objects_blend(objects, gaussians.codes, device)
-    owners = {}
-    for number in spread(len(views), _MOST_DRAWN):
-        camera = training_size(views[number].posed.camera, max_side)
-        viewmat = torch.from_numpy(views[number].posed.camera_from_world().astype(np.float32)).to(device)
-        drawn = blend.render(splats, viewmat, camera, alpha_min=_ALPHA_MIN, relevancy=None, backend=backend)
-        owners[number] = drawn.classes.cpu().numpy().astype(np.uint16)
-    return owners
 
 
 def _views_to_read(owners: Mapping[int, NDArray[np.uint16]], ids: Sequence[int]) -> list[int]:
