@@ -85,8 +85,6 @@ class TrainingOptions(Options):
     """How often every view is looked at when codes are fitted to exact label maps (`label_refit`)."""
     code_size: Literal["auto"] | Annotated[int, Field(ge=1, le=256)] = "auto"
     """Numbers of a Gaussian's semantic code; "auto" takes it from the number of labels."""
-    background: Literal["black", "random"] = "black"
-    """Behind the scene in training: black, or a random color a step, which leaves no holes."""
     densify_from: float = Field(0.03, ge=0, le=1)
     """Progress at which Gaussians start to be relocated and added."""
     densify_until: float = Field(0.8, ge=0, le=1)

@@ -193,7 +193,6 @@ def render_frame(
     degree: int,
     with_codes: bool = False,  # append composited codes, [H, W, 3 + D]
     with_squared_depth: bool = False,  # append composited squared camera z
-    background: Tensor | None = None,  # RGB [3], default black; other channels have zero
     backend: Backend,
 ) -> Rendering:
     """Renders the view at the size of `frame`: RGB, then optional further channels."""
@@ -205,7 +204,4 @@ def render_frame(
         features = torch.cat([features, parameters["codes"]], dim=1)
     if with_squared_depth:
         features = torch.cat([features, squared_depths(parameters["means"], view.viewmat)], dim=1)
-    if background is not None:
-        background = torch.cat([background, background.new_zeros(features.shape[1] - 3)])
-    splats = replace(splats, features=features)
-    return rasterize(splats, view.viewmat, frame.camera, background=background, backend=backend)
+    return rasterize(replace(splats, features=features), view.viewmat, frame.camera, backend=backend)

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.exposure.photometric import correct
@@ -68,7 +67,6 @@ class Trainer:
         self._finish = finish
         self._photometric = PhotometricTraining(settings)
         self._watch = RunWatch(views, start_points, settings)
-        self._device = state.parameters["means"].device
         self.progress = 0.0
 
     def run(self) -> None:
@@ -115,7 +113,6 @@ class Trainer:
             degree=sh_degree(progress, settings),
             with_codes=semantic,
             with_squared_depth=regularized,
-            background=self._background(),
             backend=settings.backend,
         )
         target = frame.target()
@@ -151,9 +148,3 @@ class Trainer:
         epoch, position = divmod(iteration, len(self.views))
         order = np.random.default_rng((self._settings.seed, 2, epoch)).permutation(len(self.views))
         return int(order[position])
-
-    def _background(self) -> Tensor | None:
-        if self._settings.background == "black":
-            return None
-        generator = np.random.default_rng((self._settings.seed, 3, self.state.iteration))
-        return torch.from_numpy(generator.uniform(size=3).astype(np.float32)).to(self._device)

@@ -24,7 +24,7 @@ from tests.splatting.training.conftest import masked, same_run, stopping_at
 
 
 def test_a_cancelled_run_resumes_to_the_bit(world, quick, tmp_path: Path) -> None:
-    settings = quick(iterations=30, densify_events=15, checkpoint_every_s=0, background="random", evaluations=30)
+    settings = quick(iterations=30, densify_events=15, checkpoint_every_s=0, evaluations=30)
     whole = train(*world, settings, silent)
 
     with pytest.raises(CancelledError):

@@ -72,9 +72,7 @@ def test_the_device_is_as_strict_as_a_gpu(device: str) -> None:
     assert weight.grad is not None and weight.grad.cpu().tolist() == [0.0, 2.0, 8.0, 18.0]
 
 
-@pytest.mark.parametrize(
-    "changes", [{"tolerance_db": 0.1}, {"label_mode": "evidence"}, {"photometric": "on", "background": "random"}]
-)
+@pytest.mark.parametrize("changes", [{"tolerance_db": 0.1}, {"label_mode": "evidence"}, {"photometric": "on"}])
 def test_training(world, quick, device: str, changes: dict[str, Any], tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(requirement, "FEWEST_STEPS", 2)
     settings = quick(iterations=6, max_gaussians=120, backend="cuda", checkpoint_every_s=0.0, evaluations=2, **changes)

@@ -17,7 +17,7 @@ from tests.splatting.gsplat_front_end import needs_gpu
 from tests.splatting.training.conftest import stopping_at
 
 _SHORT: dict[str, Any] = {
-    "iterations": 24, "time_budget_s": None, "max_gaussians": 160, "evaluations": 0, "background": "random",
+    "iterations": 24, "time_budget_s": None, "max_gaussians": 160, "evaluations": 0,
 }  # fmt: skip
 
 
