@@ -14,18 +14,12 @@ from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, SemanticHead
-from fastsplat.service.scene.objects.label_evidence import posterior, seen_pixels
+from fastsplat.service.scene.objects.label_evidence import posterior
 from fastsplat.service.splat_import.bulk import uncoded_gaussians
 from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
-from fastsplat.service.splatting.gaussians import color_parameters, splats_of
-from fastsplat.service.splatting.labels.label_refit import LabeledView, fit_codes
-from fastsplat.service.splatting.labels.semantics import (
-    class_weights,
-    code_size,
-    ghost_share,
-    separated_codes,
-    start_head,
-)
+from fastsplat.service.splatting.gaussians import color_parameters
+from fastsplat.service.splatting.labels.label_refit import LabeledView, codes_from_labels
+from fastsplat.service.splatting.labels.semantics import ghost_share
 from fastsplat.service.splatting.labels.view_evidence import views_evidence
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend
@@ -96,11 +90,6 @@ def _with_codes(
     progress: Progress,
 ) -> tuple[Gaussians, SemanticHead]:
     """Fits codes and head, starting at each Gaussian's most probable class."""
-    device = device_of(training.backend)
-    class_codes = separated_codes(classes, code_size(classes - 1, training.code_size), training.seed)
-    most_probable = torch.from_numpy(posterior(evidence, classes).classes.astype(np.int64))
-    weight, bias = start_head(class_codes)
-    starts = {"codes": class_codes[most_probable], "weight": weight, "bias": bias}
     labeled = [
         LabeledView(view.viewmat, view.frames[-1].camera, labels, view.frames[-1].valid)
         for view in views
@@ -112,20 +101,20 @@ def _with_codes(
         share = _LIFTED + (1 - _LIFTED) * step / steps
         progress(ProgressEvent(_STAGE, share, f"codes, step {step} of {steps}", {"loss": loss}))
 
-    fitted = fit_codes(
-        splats_of(gaussians, device=device),
+    codes, head = codes_from_labels(
+        gaussians,
         labeled,
-        {name: value.to(device) for name, value in starts.items()},
-        most_probable.to(device),
-        torch.from_numpy(seen_pixels(evidence)).to(device),
-        class_weights(classes, undetected).to(device),
+        evidence,
+        posterior(evidence, classes).classes,
+        classes,
+        size=training.code_size,
+        none_weight=undetected,
         steps=steps,
         seed=training.seed,
         backend=training.backend,
         after_step=after_step,
     )
-    arrays = {name: value.cpu().numpy() for name, value in fitted.items()}
-    return replace(gaussians, codes=arrays["codes"]), SemanticHead(arrays["weight"], arrays["bias"])
+    return replace(gaussians, codes=codes), head
 
 
 @torch.no_grad()

@@ -15,12 +15,10 @@ import torch
 from fastsplat.service.instances.discovery.refinement import MaskedView, repainted
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.scene.artefact.scene import F32, Gaussians, Objects, SemanticHead
-from fastsplat.service.scene.objects.label_evidence import seen_pixels
 from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.blending import EvidenceBlend
-from fastsplat.service.splatting.labels.label_refit import LabeledView, fit_codes
-from fastsplat.service.splatting.labels.semantics import class_weights, code_size, separated_codes, start_head
+from fastsplat.service.splatting.labels.label_refit import LabeledView, codes_from_labels
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.training_views import smallest_labels
@@ -67,20 +65,15 @@ def fit_object_codes(
             agreed &= content
         labels = torch.from_numpy(smallest_labels(object_map)).to(device)
         labeled.append(LabeledView(viewmat, view.posed.camera, labels, torch.from_numpy(agreed).to(device)))
-    class_codes = separated_codes(classes, code_size(classes - 1, size), seed)
-    owner = torch.from_numpy(object_rows(objects).astype(np.int64))
-    weight, bias = start_head(class_codes)
-    starts = {"codes": class_codes[owner], "weight": weight, "bias": bias}
-    fitted = fit_codes(
-        splats,
+    return codes_from_labels(
+        gaussians,
         labeled,
-        {name: value.to(device) for name, value in starts.items()},
-        owner.to(device),
-        torch.from_numpy(seen_pixels(objects.membership)).to(device),
-        class_weights(classes, _NO_OBJECT_WEIGHT).to(device),
+        objects.membership,
+        object_rows(objects),
+        classes,
+        size=size,
+        none_weight=_NO_OBJECT_WEIGHT,
         steps=len(labeled) * max(1, min(_EPOCHS, _LOOKED_AT // len(gaussians))),
         seed=seed,
         backend=backend,
     )
-    arrays = {name: value.cpu().numpy() for name, value in fitted.items()}
-    return arrays["codes"], SemanticHead(arrays["weight"], arrays["bias"])

@@ -10,17 +10,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from fastsplat.service.scene.artefact.scene import F32, Evidence, Gaussians, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import posterior, seen_pixels
 from fastsplat.service.splatting.gaussians import activate_opacities, current_gaussians, splats_of
-from fastsplat.service.splatting.labels.semantics import label_loss
+from fastsplat.service.splatting.labels.semantics import (
+    class_weights,
+    code_size,
+    label_loss,
+    separated_codes,
+    start_head,
+)
 from fastsplat.service.splatting.labels.view_evidence import views_evidence
 from fastsplat.service.splatting.optim import adam_update
+from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.state import SplatState
@@ -132,6 +141,42 @@ def fit_codes(
             param.grad = None
         after_step(step + 1, float(loss.detach()))
     return {name: value.detach() for name, value in fitted.items()}
+
+
+def codes_from_labels(
+    gaussians: Gaussians,
+    views: Sequence[LabeledView],
+    evidence: Evidence,  # whose pixels each Gaussian fills
+    classes: NDArray[np.integer],  # [G], each Gaussian's own class
+    count: int,  # classes, 0 (none) included
+    *,
+    size: Literal["auto"] | int,  # see `code_size`
+    none_weight: float,  # pixel weight of class 0
+    steps: int,
+    seed: int,
+    backend: Backend,
+    after_step: Callable[[int, float], None] = lambda step, loss: None,
+) -> tuple[F32, SemanticHead]:
+    """Fits codes, float32 [G, D], and their head from nothing but classes, as `fit_codes`."""
+    device = device_of(backend)
+    class_codes = separated_codes(count, code_size(count - 1, size), seed)
+    owner = torch.from_numpy(classes.astype(np.int64))
+    weight, bias = start_head(class_codes)
+    starts = {"codes": class_codes[owner], "weight": weight, "bias": bias}
+    fitted = fit_codes(
+        splats_of(gaussians, device=device),
+        views,
+        {name: value.to(device) for name, value in starts.items()},
+        owner.to(device),
+        torch.from_numpy(seen_pixels(evidence)).to(device),
+        class_weights(count, none_weight).to(device),
+        steps=steps,
+        seed=seed,
+        backend=backend,
+        after_step=after_step,
+    )
+    arrays = {name: value.cpu().numpy() for name, value in fitted.items()}
+    return arrays["codes"], SemanticHead(arrays["weight"], arrays["bias"])
 
 
 def consensus_codes(
