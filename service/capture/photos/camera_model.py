@@ -41,7 +41,7 @@ class CameraModel:
 
     def scaled_to(self, width: int, height: int) -> CameraModel:
         """Scales the camera to another image size; the aspect may differ by rounding."""
-        camera = _colmap_camera(self)
+        camera = colmap_camera(self)
         camera.rescale(width, height)
         circle_px = None if self.circle_px is None else self.circle_px * (width / self.width + height / self.height) / 2
         return CameraModel(self.model, width, height, tuple(float(value) for value in camera.params), circle_px)
@@ -127,7 +127,7 @@ def check_camera_model(camera_model: CameraModel, *, field: str) -> None:
         )
     if not 1 <= min(width, height) <= max(width, height) <= _MAX_SIDE:
         raise InvalidInputError.of(field, f": an image of {width}×{height} pixels", "Give its size in pixels.")
-    camera = _colmap_camera(camera_model)
+    camera = colmap_camera(camera_model)
     focal = np.array([camera.focal_length_x, camera.focal_length_y])
     size = np.array([width, height])
     if (focal < 0.02 * size.max()).any() or (focal > 100 * size.max()).any() or focal.max() > 10 * focal.min():
@@ -179,7 +179,7 @@ def compute_undistortion(camera_model: CameraModel, max_side: int, *, field: str
     Raises:
         InvalidInputError: the distortion cannot be undone over the undistorted image.
     """
-    distorted = _colmap_camera(camera_model)
+    distorted = colmap_camera(camera_model)
     if not camera_model.has_distortion:
         focal = (distorted.focal_length_x, distorted.focal_length_y)
         center = (distorted.principal_point_x, distorted.principal_point_y)
@@ -248,7 +248,8 @@ def _check_invertible(
         )
 
 
-def _colmap_camera(camera_model: CameraModel) -> pycolmap.Camera:
+def colmap_camera(camera_model: CameraModel) -> pycolmap.Camera:
+    """Converts to pycolmap."""
     return pycolmap.Camera(
         model=camera_model.model,
         width=camera_model.width,

@@ -7,10 +7,9 @@ from functools import lru_cache
 from pathlib import PurePosixPath
 
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.photos.camera_model import CameraModel, Undistortion, compute_undistortion
+from fastsplat.service.capture.photos.camera_model import CameraModel, Undistortion, colmap_camera, compute_undistortion
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
@@ -143,11 +142,8 @@ class _Lens:
     """A fisheye camera within the angle where its projection is one to one."""
 
     def __init__(self, camera_model: CameraModel) -> None:
-        params = np.array(camera_model.params, dtype=np.float64)
         self._size = np.array([camera_model.width, camera_model.height])
-        self._camera = pycolmap.Camera(
-            model=camera_model.model, width=camera_model.width, height=camera_model.height, params=params
-        )
+        self._camera = colmap_camera(camera_model)
         self._center = np.array([self._camera.principal_point_x, self._camera.principal_point_y])
         self._radius_px = camera_model.circle_px
         self.focal_px = float(self._camera.mean_focal_length())

@@ -41,8 +41,6 @@ def covering_order(capture: Capture, numbers: Sequence[int]) -> list[int]:
 
 def _shows(view: View, points: NDArray[np.float32]) -> NDArray[np.bool_]:
     """bool [P]: points inside a view's picture, ignoring occlusion."""
-    camera, local = view.posed.camera, np.c_[points, np.ones(len(points))] @ view.posed.camera_from_world().T
-    depth = np.where(local[:, 2] > 1e-6, local[:, 2], np.inf)
-    x, y = local[:, 0] / depth * camera.fx + camera.cx, local[:, 1] / depth * camera.fy + camera.cy
-    inside = np.isfinite(depth) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
-    return np.asarray(inside)
+    inside = np.zeros(len(points), np.bool_)
+    inside[view.posed.in_picture(points)[0]] = True
+    return inside
