@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.console import Console
 
-from fastsplat.cli.demo.report import print_report, report_of, save_pictures
+from fastsplat.cli.demo.report import print_report, save_pictures
 from fastsplat.cli.demo.service_process import running_service
+from fastsplat.cli.session import progress
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from fastsplat_contract.messages.objects import PickedObject, SceneObject
@@ -25,7 +26,6 @@ from fastsplat_contract.messages.scenes import Scene
 
 SAMPLE_PHOTOS = Path(__file__).parent / "photos"
 """The sample capture: 26 photos of a table with objects on it."""
-_FIGURES = ("loss", "psnr", "iterations_per_second")
 
 _NAME = "Oskar"
 """A name that no detector knows."""
@@ -48,7 +48,6 @@ def run_main_job(
         FastSplatError: a port is taken, the service does not start, or what it answers.
         typer.Exit: the job failed; says why.
     """
-    console = Console()
     started = time.monotonic()
     ports = {"http_port": settings.http_port, "grpc_port": settings.grpc_port}
     with (
@@ -62,7 +61,7 @@ def run_main_job(
             timeout_s=120.0,
         ) as client,
     ):
-        scene, operation = _train(client, photos or SAMPLE_PHOTOS, seconds, console, folder)
+        scene, operation = _train(client, photos or SAMPLE_PHOTOS, seconds, folder)
         labels = [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
         absent = next(word for word in _ABSENT if word not in labels)
         texts = ask or ((*labels[:2], absent) if photos else _SAMPLE_QUESTIONS)
@@ -71,25 +70,32 @@ def run_main_job(
         (folder / "objects.png").write_bytes(client.picture(scene.id, "objects", view))
         if (named := _click_and_name(client, scene.id, view)) is not None:
             before = f'"{named.object.name}"' if named.object.name else "without a name"
-            console.print(f'a click in {view} finds object {named.object.id}, {before}; a person names it "{_NAME}"')
+            typer.echo(f'a click in {view} finds object {named.object.id}, {before}; a person names it "{_NAME}"')
             answers.append(_ask(client, scene.id, _NAME))
-        report = report_of(scene, operation, objects, answers)
+        report = {
+            "scene": to_plain(scene),
+            "operation": to_plain(operation),
+            "objects": list(map(to_plain, objects)),
+            "answers": list(map(to_plain, answers)),
+        }
         (folder / "report.json").write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n")
         save_pictures(client, scene, answers, view, folder)
-        print_report(report, console)
-    console.print(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {folder}/")
+        print_report(scene, objects, answers)
+    typer.echo(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {folder}/")
 
 
-def _train(
-    client: Client, capture: Path, seconds: float | None, console: Console, folder: Path
-) -> tuple[Scene, Operation]:
+def _train(client: Client, capture: Path, seconds: float | None, folder: Path) -> tuple[Scene, Operation]:
     capture_name = capture.parent.name if capture.name == "images" else capture.stem
     name = "sample, trained here" if capture == SAMPLE_PHOTOS else capture_name  # the package's "sample" is in meters
     posted = client.create_scene(capture, name=name, options=SceneOptions(time_budget_s=seconds))
-    console.print(f"posted {capture}: operation {posted.id}, scene {posted.scene_id}")
-    show = _Progress(console)
+    typer.echo(f"posted {capture}: operation {posted.id}, scene {posted.scene_id}")
+    last = ""
     for operation in client.watch(posted.id):
-        show(operation)
+        # One line for each tenth of a stage: messages change several times a second.
+        step = "".join(f"{stage.stage} {int(stage.fraction * 10)}" for stage in operation.stages[-1:])
+        if step != last:
+            typer.echo(progress(operation))
+        last = step
     if operation.state != "SUCCEEDED":
         typer.echo(f"the job ended as {operation.state}: {operation.error}\nsee {folder}/service.log", err=True)
         raise typer.Exit(1)
@@ -103,26 +109,6 @@ def _ask(client: Client, scene_id: str, text: str) -> Answer:
     if rest != grpc:
         raise ResourceError(f"REST and gRPC disagree:\n{rest}\n{grpc}")
     return rest
-
-
-class _Progress:
-    """One line per stage, rewritten on a terminal, appended where output is a file."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._last = ""
-
-    def __call__(self, operation: Operation) -> None:
-        if not operation.stages:
-            return
-        stage = operation.stages[-1]
-        figures = ", ".join(f"{name} {stage.metrics[name]:.4g}" for name in _FIGURES if name in stage.metrics)
-        # One line for each tenth of a stage: messages change several times a second.
-        step = f"{stage.stage} {int(stage.fraction * 10)}"
-        if step != self._last:
-            self._last = step
-            line = f"{stage.stage:<11}{stage.fraction:>5.0%} {stage.seconds:>6.1f} s  {stage.message}"
-            self._console.print(f"{line}  {figures}".rstrip(), soft_wrap=True, highlight=False)
 
 
 def _click_and_name(client: Client, scene_id: str, view: str) -> PickedObject | None:

@@ -66,7 +66,7 @@ def ask(
         asker_view=asker_view or None,
     )
     result = session.client.ask_everywhere(request)
-    session.tell(result, "\n".join(line for answer in result.answers for line in _lines(answer)))
+    session.tell(result, "\n".join(line for answer in result.answers for line in answer_lines(answer)))
     if any(map(_is_uncovered, result.answers)):
         models = session.client.server_status().models
         if any(model.role == "open_set_detector" and model.state == "unset" for model in models):
@@ -80,7 +80,8 @@ def _is_uncovered(answer: Answer) -> bool:
     return answer.outcome == "cannot_say" and answer.phrase is None and answer.searched.unnamed_objects > 0
 
 
-def _lines(answer: Answer) -> list[str]:
+def answer_lines(answer: Answer) -> list[str]:
+    """An answer for people: its sentence, then the objects."""
     lines = [answer.sentence]
     if answer.provisional is not None:
         lines.append(f"  by a draft: {_DRAFTS[answer.provisional.stage]}; the scene is not finished")

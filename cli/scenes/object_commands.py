@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -37,6 +38,11 @@ def list_objects(
     scene_id = session.scene(scene)
     version = session.version(scene_id, version) or session.current(scene_id)
     objects = tuple(session.client.objects(scene_id, version=version, parts=parts))
+    session.tell(ObjectList(objects, "", version), objects_table(objects), nothing="the scene has no objects")
+
+
+def objects_table(objects: Sequence[SceneObject]) -> str:
+    """Objects for people, a line each; "" without any."""
     columns = (
         Column("id"), Column("name", "cut"), Column("source"), Column("suggestions", "cut"), Column("says", "cut"),
         Column("Gaussians", right=True),
@@ -52,7 +58,7 @@ def list_objects(
         )
         for obj in objects
     ]
-    session.tell(ObjectList(objects, "", version), table(columns, rows), nothing="the scene has no objects")
+    return table(columns, rows)
 
 
 @service_command(objects_app)

@@ -53,14 +53,14 @@ def list_scenes(session: Session) -> None:
 def show(session: Session, scene: SceneId) -> None:
     """Show a scene's state, quality, unit and names."""
     scene_info = session.client.scene(session.scene(scene))
-    session.tell(scene_info, _facts(scene_info))
+    session.tell(scene_info, scene_facts(scene_info))
 
 
 @service_command(scenes_app)
 def sample(session: Session) -> None:
     """Copy the server's sample scene into the project, unless it is there."""
     opened = session.client.open_sample()
-    session.tell(opened, _facts(opened))
+    session.tell(opened, scene_facts(opened))
 
 
 @service_command(scenes_app)
@@ -136,7 +136,8 @@ def align(
         typer.echo(f"pair {number + 1} did not count: it is {result.residuals[number]:.4g} m off", err=True)
 
 
-def _facts(scene: Scene) -> str:
+def scene_facts(scene: Scene) -> str:
+    """What is known of a scene, for people."""
     names = Counter({entry.label: entry.gaussian_count for entry in scene.dictionary}).most_common(_SHOWN_NAMES)
     more = scene.label_count - len(names)
     assessment = scene.assessment
