@@ -9,52 +9,15 @@ from typing import Annotated
 from mcp.server.mcpserver import Image
 from mcp_types import CallToolResult, TextContent
 from pydantic import ConfigDict, Field
-from pydantic_core import to_jsonable_python
 
-from fastsplat_client.assistant.tool_results import Point, Unit, point
+from fastsplat_client.assistant.tool_results import Unit
 from fastsplat_client.assistant.tools import SCENE_ID, SceneName, resolve_scene
 from fastsplat_client.client import Client
 from fastsplat_contract import calls
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.jobs.name_suggestions import SuggestedName
+from fastsplat_contract.messages.contact_sheets import SheetObject
 from fastsplat_contract.messages.requests import GetContactSheetRequest
-
-
-@dataclass(frozen=True)
-class NearObject:
-    """An object near another; `name` is empty for one without."""
-
-    id: int
-    name: str
-
-
-@dataclass(frozen=True)
-class ToldName:
-    """A name that is suggested for an object, and who suggests it."""
-
-    name: str
-    probability: float
-    sources: list[str]
-
-
-@dataclass(frozen=True)
-class UnnamedObject:
-    """An object in the picture.
-
-    Attributes:
-        number: that stands in the corner of its part of the picture.
-        id: for other tools.
-        size: of its box; None if it is too faint to be seen.
-        surface: what kind of surface it is, as floor; empty for an object.
-        near: what is nearest to it.
-        suggestions: what others take it for.
-    """
-
-    number: int
-    id: int
-    size: Point | None
-    surface: str
-    near: list[NearObject]
-    suggestions: list[ToldName]
 
 
 @dataclass(frozen=True)
@@ -64,7 +27,7 @@ class UnnamedObjects:
 
     scene: str
     unit: Unit
-    objects: list[UnnamedObject]
+    objects: list[SheetObject]
     unseen: list[int]
     next_page: str
 
@@ -100,23 +63,9 @@ def unnamed_objects(
     neighbors. Say what you recognize by suggest_names, then ask for the next page."""
     scene_id = _resolved(client, scene)
     sheet = client.call(calls.GET_CONTACT_SHEET, GetContactSheetRequest(scene_id, page_token=page))
-    objects = [
-        UnnamedObject(
-            obj.number,
-            obj.object_id,
-            None if obj.size is None else point(obj.size),
-            obj.surface,
-            [NearObject(near.object_id, near.name) for near in obj.neighbors],
-            [
-                ToldName(said.name, round(said.probability, 3), [speaker.source for speaker in said.said_by])
-                for said in obj.suggestions
-            ],
-        )
-        for obj in sheet.objects
-    ]
     unit: Unit = "m" if sheet.meters else "scene units"
-    listed = UnnamedObjects(scene_id, unit, objects, list(sheet.unseen), sheet.next_page_token)
-    plain = to_jsonable_python(listed)
+    listed = UnnamedObjects(scene_id, unit, list(sheet.objects), list(sheet.unseen), sheet.next_page_token)
+    plain = to_plain(listed)
     text = TextContent(type="text", text=json.dumps(plain, ensure_ascii=False))
     pictures = [Image(data=sheet.picture, format="jpeg").to_image_content()] if sheet.picture else []
     return CallToolResult(content=[*pictures, text], structured_content=plain)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import is_dataclass
 from typing import Any
 
 import anyio
@@ -17,6 +18,7 @@ from pydantic import ValidationError
 from fastsplat_client.assistant import naming, tools
 from fastsplat_client.assistant.look_from import look_from
 from fastsplat_client.client import Client
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import FastSplatError, InvalidInputError
 
 ClientOf = Callable[[Any], contextlib.AbstractContextManager[Client]]
@@ -63,7 +65,8 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
 
             def ask() -> Any:
                 with _refusals_word_for_word(), client_of(request) as client:
-                    return tool(client, **arguments)
+                    result = tool(client, **arguments)
+                return to_plain(result) if is_dataclass(result) else result
 
             # Who cancels does not wait for the service; `client_of` says what becomes of its work.
             return await to_thread.run_sync(ask, abandon_on_cancel=True, limiter=waiting)

@@ -14,7 +14,9 @@ from fastsplat_contract.geometry.poses import Vector3
 from fastsplat_contract.jobs.job_watching import DraftStage
 from fastsplat_contract.jobs.operations import OperationState
 from fastsplat_contract.messages.assessments import Grade
-from fastsplat_contract.messages.objects import ObjectKind, PickLevel, SceneObject
+from fastsplat_contract.messages.measurements import Length
+from fastsplat_contract.messages.objects import ObjectKind, PickedLevel, PickLevel, SceneObject
+from fastsplat_contract.messages.phrases import Witness
 from fastsplat_contract.messages.queries import Outcome, Relation
 
 Unit = Literal["m", "scene units"]
@@ -88,16 +90,6 @@ class ObjectBrief:
 
 
 @dataclass(frozen=True)
-class LevelBrief:
-    """A part, an object, or a group with its members, and the probability that it is meant."""
-
-    level: PickLevel
-    id: int
-    members: list[int]
-    probability: float
-
-
-@dataclass(frozen=True)
 class PickedBrief:
     """What a photo shows at a place.
 
@@ -114,7 +106,7 @@ class PickedBrief:
     unit: Unit
     object: ObjectBrief
     part: ObjectBrief | None
-    levels: list[LevelBrief]
+    levels: list[PickedLevel]
     level: PickLevel
     area: int
 
@@ -131,15 +123,6 @@ class Objects:
 
 
 @dataclass(frozen=True)
-class Interval:
-    """A length and the interval that holds it in 95 % of cases."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
 class WhereAbouts:
     """Where one object is: `center` is within `plus_minus` in 95 % of cases; `sides` are its box's edges."""
 
@@ -147,7 +130,7 @@ class WhereAbouts:
     name: str
     center: Point
     plus_minus: float
-    sides: list[Interval]
+    sides: list[Length]
     seen_best_in: list[str]
 
 
@@ -195,20 +178,6 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """One measurement behind an answer, with at most 20 of the objects that were compared: it holds with a `clearness`
-    from 1 on, and does not from -1 down."""
-
-    condition: str
-    object_id: int
-    compared_with: list[int]
-    measure: str
-    value: float
-    unit: str
-    clearness: float
-
-
-@dataclass(frozen=True)
 class Related:
     """Which objects stand as a question says.
 
@@ -217,7 +186,7 @@ class Related:
         objects: those that fulfill all of them; `more_objects` of them were left out.
         undecided: ids of at most 500 objects of which it could not be decided.
         refusal: why nothing is said, as pose_needed or too_close; "" if something is.
-        evidence: at most 20 of the measurements that decided.
+        evidence: at most 20 of the measurements that decided, with at most 20 of the objects that were compared.
     """
 
     scene: str
@@ -228,7 +197,7 @@ class Related:
     undecided: list[int]
     refusal: str
     sentence: str
-    evidence: list[Evidence]
+    evidence: list[Witness]
     unit: Unit
 
 
@@ -239,9 +208,9 @@ class Measured:
 
     scene: str
     unit: Unit
-    distance: Interval | None
-    center_distance: Interval | None
-    sides: list[Interval]
+    distance: Length | None
+    center_distance: Length | None
+    sides: list[Length]
     sentence: str
 
 

@@ -162,10 +162,7 @@ def pick_object(
         _unit_of(target),
         brief_of(picked.object),
         None if picked.part is None else brief_of(picked.part),
-        [
-            tool_results.LevelBrief(hit.level, hit.id, list(hit.members), round(hit.probability, 3))
-            for hit in picked.levels
-        ],
+        [hit._replace(probability=round(hit.probability, 3)) for hit in picked.levels],
         picked.level,
         0 if picked.mask is None else picked.mask.area,
     )
@@ -244,14 +241,10 @@ def relations(
         refusal="" if phrase.refusal is None else phrase.refusal.reason,
         sentence=answer.sentence,
         evidence=[
-            tool_results.Evidence(
-                witness.condition,
-                witness.object_id,
-                list(witness.compared_ids[:_MOST_WITNESSES]),
-                witness.measure,
-                round(witness.value, 4),
-                witness.unit,
-                round(witness.clearness, 2),
+            witness._replace(
+                compared_ids=witness.compared_ids[:_MOST_WITNESSES],
+                value=round(witness.value, 4),
+                clearness=round(witness.clearness, 2),
             )
             for witness in phrase.witnesses[:_MOST_WITNESSES]
         ],
@@ -451,12 +444,12 @@ def _frame_of(scene: Scene) -> str:
     return f"map frame {named!r}" if named else "the scene's own world frame"
 
 
-def _interval(length: Length) -> tool_results.Interval:
+def _interval(length: Length) -> Length:
     """A measured length with its 95 % interval."""
-    return tool_results.Interval(round(length.value, 4), round(length.low, 4), round(length.high, 4))
+    return Length._make(round(value, 4) for value in length)
 
 
-def _spoken(length: tool_results.Interval, unit: tool_results.Unit) -> str:
+def _spoken(length: Length, unit: tool_results.Unit) -> str:
     return f"{length.value:g} {unit} (95 %: {length.low:g} to {length.high:g})"
 
 

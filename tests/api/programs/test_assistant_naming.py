@@ -42,11 +42,11 @@ async def _name_all(client: McpClient, scene_id: str, source: str, guesses: Mapp
         with Image.open(io.BytesIO(base64.b64decode(picture.data))) as image:
             assert image.format == "JPEG" and max(image.size) <= 768 and np.asarray(image).std() > 10
         assert [obj["number"] for obj in sheet["objects"]] == list(range(1, len(sheet["objects"]) + 1))
-        seen += [obj["id"] for obj in sheet["objects"]]
+        seen += [obj["object_id"] for obj in sheet["objects"]]
         names = [
-            {"object_id": obj["id"], "name": guesses[obj["id"]], "probability": 0.8}
+            {"object_id": obj["object_id"], "name": guesses[obj["object_id"]], "probability": 0.8}
             for obj in sheet["objects"]
-            if obj["id"] in guesses
+            if obj["object_id"] in guesses
         ]
         arguments = {"names": names, "source": source, "model": "stand-in", "scene": scene_id}
         assert _said(await client.call_tool("suggest_names", arguments))["suggested"] == len(names)
@@ -84,7 +84,7 @@ def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
     said = _said(_call(guarded.faces, "unnamed_objects", guarded.header("reader"), scene=scene_id))
     with client_of(guarded.faces, key=guarded.keys["reader"]) as client:
         on_sheets = [obj.object_id for sheet in client.contact_sheets(scene_id) for obj in sheet.objects]
-        assert [obj["id"] for obj in said["objects"]] == on_sheets == [1]
+        assert [obj["object_id"] for obj in said["objects"]] == on_sheets == [1]
     guess = {"object_id": 1, "name": "moon", "probability": 0.7}
     arguments = {"names": [guess], "source": "eyes", "scene": scene_id}
     assert "PERMISSION_DENIED" in _refusal(_call(guarded.faces, "suggest_names", guarded.header("reader"), **arguments))
@@ -100,7 +100,7 @@ def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_els
     scene_id = add_scene(guarded.service, guarded.settings, "of a stranger")
     guarded.service.versions.edit(scene_id, [Edit("unname", object_ids=(1,))])
     said = _said(_call(guarded.faces, "unnamed_objects", guarded.header("suggester"), scene=scene_id))
-    assert [obj["id"] for obj in said["objects"]] == [1] and said["unit"] == "m"
+    assert [obj["object_id"] for obj in said["objects"]] == [1] and said["unit"] == "m"
     arguments = {"names": [{"object_id": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
     assert _said(_call(guarded.faces, "suggest_names", guarded.header("suggester"), **arguments))["suggested"] == 1
     for tool, more in (("unnamed_objects", {"scene": "of a stranger"}), ("describe_scene", {"scene": scene_id})):
