@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import os
-import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from fastsplat.cli.operating.browser import is_ready
-from fastsplat.service.common.process import PARENT_VARIABLE
+from fastsplat.service.library.training_run import running_command
 from fastsplat_contract.errors import ResourceError
 
 _START_SECONDS = 300
-_STOP_SECONDS = 20
 
 
 @contextmanager
@@ -27,27 +24,15 @@ def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, 
         _require_free(port)
     environment = {
         **os.environ,
-        PARENT_VARIABLE: str(os.getpid()),  # killed, this process could not stop it
         "FASTSPLAT_DATA_DIR": str(data_dir),
         "FASTSPLAT_MODELS": str(models),
         "FASTSPLAT_HTTP_PORT": str(http_port),
         "FASTSPLAT_GRPC_PORT": str(grpc_port),
         "FASTSPLAT_METRICS_PORT": "0",
     }
-    with log.open("wb") as sink:
-        # A session of its own, so that whatever it starts can be stopped with it.
-        process = subprocess.Popen(
-            [sys.executable, "-m", "fastsplat.cli.main", "serve"],
-            env=environment,
-            stdout=sink,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-    try:
+    with running_command("serve", environment, log) as process:
         _wait_ready(process, http_port, log)
         yield (data_dir / "key").read_text().strip()
-    finally:
-        _stop(process)
 
 
 def _require_free(port: int) -> None:
@@ -73,13 +58,3 @@ def _wait_ready(process: subprocess.Popen[bytes], port: int, log: Path) -> None:
         time.sleep(0.2)
     tail = log.read_text(errors="replace")[-3000:]
     raise ResourceError(f"the service did not get ready; the end of {log}:\n{tail}")
-
-
-def _stop(process: subprocess.Popen[bytes]) -> None:
-    if process.poll() is None:
-        process.send_signal(signal.SIGTERM)
-        try:
-            process.wait(_STOP_SECONDS)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()

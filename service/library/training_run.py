@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -112,16 +113,25 @@ def _post(service: SceneService, source: Path, name: str, options: SceneOptions)
 
 @contextmanager
 def _worker(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Runs a worker for the folder; it ends with the block or with this process."""
+    """Runs a worker for the folder."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(_ELSEWHERE)}
-    environment |= {"FASTSPLAT_DATA_DIR": str(folder.resolve()), PARENT_VARIABLE: str(os.getpid())}
-    with (folder / _LOG).open("ab") as log:
+    environment["FASTSPLAT_DATA_DIR"] = str(folder.resolve())
+    with running_command("worker", environment, folder / _LOG) as process:
+        yield process
+
+
+@contextmanager
+def running_command(word: str, environment: Mapping[str, str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Runs a command of `fastsplat`, which ends with the block or with this process."""
+    with log.open("ab") as sink:
+        # A session of its own, so that whatever it starts can be stopped with it.
         process = subprocess.Popen(
-            [sys.executable, "-m", "fastsplat.cli.main", "worker"],
-            env=environment,
+            [sys.executable, "-m", "fastsplat.cli.main", word],
+            env={**environment, PARENT_VARIABLE: str(os.getpid())},
             stdin=subprocess.DEVNULL,
-            stdout=log,
+            stdout=sink,
             stderr=subprocess.STDOUT,
+            start_new_session=True,
         )
     try:
         yield process
@@ -130,7 +140,7 @@ def _worker(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
         try:
             process.wait(_STOP_S)
         except subprocess.TimeoutExpired:
-            process.kill()
+            os.killpg(process.pid, signal.SIGKILL)
             process.wait()
 
 
