@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
-from pathlib import Path
 
 import numpy as np
-import pycolmap
 import pytest
 from PIL import Image
 
-from fastsplat.service.application.exporting.camera_files import colmap
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.store.blobs.file_digests import DIGESTS, write_digests
 from fastsplat_client import Client
 from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.photos.pictures import PictureRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import LABELS, turned
@@ -154,20 +150,3 @@ def test_cameras_as_transforms_have_opengl_axes(client: Client, service: SceneSe
         assert frame["file_path"] == posed.name and (frame["w"], frame["fl_x"]) == (48, 45.0)
         assert pose[:3, 3] == pytest.approx(posed.world_from_camera[:3, 3])
         assert pose[:3, 2] == pytest.approx(-posed.world_from_camera[:3, 2])  # backward, not forward
-
-
-def test_cameras_as_colmap_are_read_by_colmap(tmp_path: Path) -> None:
-    second = PosedCamera(Camera(64, 48, 50.0, 51.0, 31.5, 24.25), turned(-0.4).world_from_camera, "b/2.png")
-    cameras = [PosedCamera(turned(0.3).camera, turned(0.3).world_from_camera, "1.png"), second]
-    with zipfile.ZipFile(io.BytesIO(colmap(cameras))) as archive:
-        archive.extractall(tmp_path)
-    model = pycolmap.Reconstruction(tmp_path)
-    assert len(model.images) == len(model.cameras) == 2
-    for image in model.images.values():
-        (posed,) = (posed for posed in cameras if posed.name == image.name)
-        pose = image.cam_from_world()
-        assert pose.matrix() == pytest.approx(posed.camera_from_world()[:3], abs=1e-12)
-        lens = model.cameras[image.camera_id]
-        assert (lens.width, lens.height) == (posed.camera.width, posed.camera.height)
-        assert lens.params.tolist() == [posed.camera.fx, posed.camera.fy, posed.camera.cx, posed.camera.cy]
-    assert colmap(cameras) == colmap(cameras)
