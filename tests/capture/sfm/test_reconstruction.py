@@ -129,12 +129,10 @@ def test_colors_are_the_photos(tabletop) -> None:
     capture, _ = tabletop
     differences = []
     for view in capture.views:
-        camera, image = view.posed.camera, load_image(view).astype(float)
-        there = np.column_stack([capture.points, np.ones(len(capture.points))]) @ view.posed.camera_from_world().T
-        u = np.floor(camera.fx * there[:, 0] / there[:, 2] + camera.cx).astype(int)
-        v = np.floor(camera.fy * there[:, 1] / there[:, 2] + camera.cy).astype(int)
-        inside = (there[:, 2] > 0) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-        differences.append(np.abs(image[v[inside], u[inside]] - capture.point_colors[inside]).mean(axis=1))
+        rows, pixels, _ = view.posed.in_picture(capture.points)
+        x, y = pixels.astype(int).T
+        colors = load_image(view)[y, x].astype(float)
+        differences.append(np.abs(colors - capture.point_colors[rows]).mean(axis=1))
     assert np.median(np.concatenate(differences)) < 25
 
 
@@ -213,13 +211,11 @@ def test_poses_without_points_get_points(test_data: Path, tmp_path: Path, settin
     assert 0 < capture.report.mean_reprojection_error_px < 1
     errors = []
     for view, frame in zip(capture.views, document["frames"], strict=True):
-        camera = view.posed.camera
         with Image.open(test_data / "tabletop" / frame["depth_path"]) as image:
             depth = np.asarray(image) * 1e-4
-        there = np.column_stack([capture.points, np.ones(len(capture.points))]) @ view.posed.camera_from_world().T
-        u, v = camera.fx * there[:, 0] / there[:, 2] + camera.cx, camera.fy * there[:, 1] / there[:, 2] + camera.cy
-        inside = (there[:, 2] > 0) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-        errors.append(np.abs(depth[v[inside].astype(int), u[inside].astype(int)] / there[inside, 2] - 1))
+        _, pixels, depths = view.posed.in_picture(capture.points)
+        x, y = pixels.astype(int).T
+        errors.append(np.abs(depth[y, x] / depths - 1))
     assert np.median(np.concatenate(errors)) < 0.01
 
 

@@ -70,15 +70,11 @@ def test_tabletop_points_land_on_their_pixels(test_data: Path, settings, tmp_pat
     assert len(capture.points) == 4955
     agreeing = visible = 0
     for view, frame in zip(capture.views, frames, strict=True):
-        camera = view.posed.camera
         with Image.open(test_data / "tabletop" / frame["depth_path"]) as image:
             depth = np.asarray(image).astype(float) * 1e-4
-        there = np.column_stack([capture.points, np.ones(4955)]) @ view.posed.camera_from_world().T
-        front = there[there[:, 2] > 0.05]
-        u = np.floor(camera.fx * front[:, 0] / front[:, 2] + camera.cx).astype(int)
-        v = np.floor(camera.fy * front[:, 1] / front[:, 2] + camera.cy).astype(int)
-        inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-        near = np.abs(depth[v[inside], u[inside]] - front[inside, 2]) < 0.02 * front[inside, 2]
+        _, pixels, depths = view.posed.in_picture(capture.points)
+        x, y = pixels.astype(int).T
+        near = np.abs(depth[y, x] - depths) < 0.02 * depths
         agreeing, visible = agreeing + near.sum(), visible + len(near)
     assert agreeing > 0.7 * visible > 5_000
     labels = capture.given_labels
