@@ -28,7 +28,7 @@ from fastsplat_contract.errors import ModelUnavailableError
 from tests.looks_model import KNOWING, MODEL, write_knowing_model, write_looks_model
 from tests.query.box_scenes import rigid
 from tests.query.conftest import DrawnEncoder
-from tests.query.placed_rooms import Room, box, scene_of, table
+from tests.query.placed_rooms import Room, scene_of
 
 _COLORS = {"lava lamp": (255, 0, 255), "trophy": (255, 255, 0), "aquarium": (0, 255, 255)}
 """What the detector's 80 words do not cover."""
@@ -92,11 +92,7 @@ def test_objects_are_named_by_looks_unless_a_person_did(models: Path, seen: dict
 @pytest.fixture(scope="module")
 def scene(seen: dict[str, tuple[Object, ...]]) -> Scene:
     """A table with three objects that the detector has no word for."""
-    room = Room()
-    room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
-    for place in (-0.4, 0.0, 0.4):
-        room.place("crate", box((0.2, 0.15, 0.06)), (place, 0, 0.75), 0.2, (0.5, 0.5, 0.5))
-    scene = scene_of(room, 0, rigid(3))
+    scene = scene_of(Room.table_with(*[("crate", (0.5, 0.5, 0.5))] * 3), 0, rigid(3))
     assert scene.objects is not None
     first, *crates = scene.objects.table
     nameless = [

@@ -84,6 +84,15 @@ class Room:
 
     objects: list[Placed] = field(default_factory=list)
 
+    @classmethod
+    def table_with(cls, *things: tuple[str, Triple]) -> Room:
+        """A table, object 1, with flat things in a row on it."""
+        room = cls()
+        room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
+        for (name, color), x in zip(things, (-0.4, 0.0, 0.4), strict=True):
+            room.place(name, box((0.2, 0.15, 0.06)), (x, 0, 0.75), 0.2, color)
+        return room
+
     def place(self, name: str, slabs: Sequence[Slab], base: Sequence[float], yaw: float, color: Sequence[float]) -> int:
         """Put an object there; its id."""
         self.objects.append(

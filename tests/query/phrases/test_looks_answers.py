@@ -20,7 +20,7 @@ from fastsplat_contract.messages.queries import Answer
 from tests.looks_model import COLORS, MODEL, calibration_of, write_looks_model
 from tests.query.box_scenes import rigid
 from tests.query.conftest import DrawnEncoder
-from tests.query.placed_rooms import Room, box, scene_of, table
+from tests.query.placed_rooms import Room, scene_of
 
 _WORLD = rigid(3)
 _TABLE, _RED, _BLUE, _GREEN = range(1, 5)
@@ -43,10 +43,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> LooksModel:
 @pytest.fixture(scope="module")
 def scene(model: LooksModel) -> Scene:
     """A table with a red and a blue object without names, and a green book."""
-    room = Room()
-    room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
-    for number, place in enumerate((-0.4, 0.0, 0.4)):
-        room.place("book" if number == 2 else "crate", box((0.2, 0.15, 0.06)), (place, 0, 0.75), 0.2, (0.5, 0.5, 0.5))
+    room = Room.table_with(*((name, (0.5, 0.5, 0.5)) for name in ("crate", "crate", "book")))
     scene = scene_of(room, 0, _WORLD)
     assert scene.objects is not None
     looks = {_RED: _looks(model, "red"), _BLUE: _looks(model, "blue"), _GREEN: _looks(model, "green")}

@@ -14,7 +14,7 @@ from fastsplat_contract.messages.object_reads import ObjectRead, ReadKind
 from tests.query.box_scenes import rigid
 from tests.query.conftest import index_of
 from tests.query.phrases.test_looks_answers import _answer
-from tests.query.placed_rooms import Room, box, scene_of, table
+from tests.query.placed_rooms import Room, box, scene_of
 
 _WORLD = rigid(3)
 _TABLE, _RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK, _BOX = range(1, 6)
@@ -33,10 +33,8 @@ _READS: Mapping[int, tuple[ObjectRead, ...]] = {
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    room = Room()
-    room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
-    for place, color in ((-0.4, (0.75, 0.1, 0.1)), (0.0, (0.75, 0.1, 0.1)), (0.4, (0.12, 0.25, 0.75))):
-        room.place("book", box((0.2, 0.15, 0.06)), (place, 0, 0.75), 0.2, color)
+    red, blue = (0.75, 0.1, 0.1), (0.12, 0.25, 0.75)
+    room = Room.table_with(("book", red), ("book", red), ("book", blue))
     room.place("crate", box((0.15, 0.15, 0.2)), (0.0, 0.25, 0.75), 0.2, (0.95, 0.95, 0.93))
     scene = scene_of(room, 0, _WORLD)
     assert scene.objects is not None
