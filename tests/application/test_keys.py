@@ -48,8 +48,14 @@ def test_expired_and_revoked_keys_open_nothing(keys: Keys) -> None:
 
 def test_nonsense_is_refused(keys: Keys) -> None:
     for name, lifetime in (("", None), ("x" * 201, None), ("a\nb", None), ("x", 0.0), ("x", -1.0), ("x", float("nan"))):
-        with pytest.raises(InvalidInputError):
+        with pytest.raises(InvalidInputError) as refused:
             keys.create(name, "reader", lifetime)
+        assert refused.value.field == ("name" if lifetime is None else "lifetime_s")
+    with pytest.raises(InvalidInputError):
+        keys.create("robot", "write")
+    with pytest.raises(NotFoundError) as caught:
+        keys.create("robot", "editor", project="nowhere")
+    assert caught.value.field == "project"
     with pytest.raises(NotFoundError):
         keys.revoke("nobody")
     assert keys.all() == ()

@@ -10,7 +10,7 @@ import pytest
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.settings import Settings
-from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
+from fastsplat_contract.errors import ConflictError, InvalidInputError
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from tests.scenes import stand_in_models
 
@@ -53,12 +53,3 @@ def test_projects_have_plain_names_of_their_own(opened: SceneService) -> None:
     opened.admin.keys.create("robot", "editor", project="a")
     counts = [(record.name, record.scenes, record.keys) for record in opened.admin.projects.all().projects]
     assert counts == [("a", 1, 1), ("b", 0, 0), ("default", 0, 0)]
-
-
-def test_a_key_of_no_project_or_role_is_not_made(opened: SceneService) -> None:
-    with pytest.raises(NotFoundError) as caught:
-        opened.admin.keys.create("robot", "editor", project="nowhere")
-    assert caught.value.field == "project"
-    with pytest.raises(InvalidInputError):
-        opened.admin.keys.create("robot", "write")
-    assert opened.admin.keys.all() == ()

@@ -12,7 +12,7 @@ import pytest
 
 from fastsplat.service.application.admin import project_keys
 from fastsplat.service.application.service import SceneService
-from fastsplat_client import Client, InvalidInputError, NotFoundError, PermissionDeniedError
+from fastsplat_client import Client, NotFoundError, PermissionDeniedError
 from fastsplat_contract.codec.proto_codec import from_proto
 from fastsplat_contract.errors import QuotaError
 from fastsplat_contract.server.keys import NewKey, Role
@@ -61,14 +61,10 @@ def test_nobody_makes_a_key_of_a_higher_role(place: _Place, caller: Role, role: 
             assert [key.role for key in client.keys.all()] == ["admin"]
             return
         new_key = client.keys.create("new", role, 3_600.0)
-    assert (new_key.key.name, new_key.key.role, new_key.key.project, new_key.key.state) == (
-        "new",
-        role,
-        place.project,
-        "VALID",
-    )
-    assert new_key.key.expires_at is not None and new_key.key.expires_at - new_key.key.created_at == timedelta(hours=1)
-    assert new_key.secret not in repr(new_key) and new_key.key.id in new_key.secret
+    key = new_key.key
+    assert (key.name, key.role, key.project, key.state) == ("new", role, place.project, "VALID")
+    assert key.expires_at is not None and key.expires_at - key.created_at == timedelta(hours=1)
+    assert new_key.secret not in repr(new_key) and key.id in new_key.secret
     with place.client(new_key.secret) as new:
         assert new.server_status().role == role
 
@@ -142,9 +138,6 @@ def test_a_key_that_is_over_stays_so(place: _Place) -> None:
         key = operator.keys.create("robot", "reader", 60.0).key
         revoked = operator.keys.revoke(key.id)
         assert revoked.state == "REVOKED" and operator.keys.revoke(key.id) == revoked
-        with pytest.raises(InvalidInputError) as refused:
-            operator.keys.create("robot", "reader", -1.0)
-        assert refused.value.field == "lifetime_s"
 
 
 def test_a_project_has_so_many_keys_and_no_more(place: _Place, monkeypatch: pytest.MonkeyPatch) -> None:
