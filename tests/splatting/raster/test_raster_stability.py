@@ -16,8 +16,6 @@ from fastsplat.service.splatting.raster.rendering import accumulate_weights, ras
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 from fastsplat_contract.geometry.camera import Camera
 
-INF, NAN = float("inf"), float("nan")
-
 
 @pytest.fixture(params=["reference", *instruction_sets()])
 def backend(request: pytest.FixtureRequest) -> Iterator[Backend]:
@@ -63,11 +61,6 @@ def test_needle_gradients(angle: float) -> None:
         assert relative(gradients[name], wanted[name]) < 1e-4, name
 
 
-def test_a_zero_quaternion_is_culled_but_not_called_broken(backend: Backend) -> None:
-    rendering = render(lone(quats=[[0.0] * 4]), backend)
-    assert float(rendering.alpha.max()) == 0.0 and int(rendering.radii[0]) == 0 and rendering.culled_non_finite == 0
-
-
 @pytest.mark.parametrize(
     ("place", "opacity", "seen"),
     [
@@ -94,7 +87,7 @@ def test_near_far_behind_and_opacity_at_its_limits(
 def test_opacity_a_bit_beside_the_cut_off_is_drawn_faintly_or_not_at_all(backend: Backend, steps: int) -> None:
     opacity = torch.tensor(1.0 / 255.0)
     for _ in range(abs(steps)):
-        opacity = torch.nextafter(opacity, torch.tensor(INF if steps > 0 else 0.0))
+        opacity = torch.nextafter(opacity, torch.tensor(torch.inf if steps > 0 else 0.0))
     view = lone(opacities=[float(opacity)], means=[[0.0625, 0.0625, 2.0]])
     gradients = assert_sane(view, backend)
     alpha = render(view, backend).alpha
@@ -179,11 +172,9 @@ def test_inputs_that_do_not_fit_are_refused(backend: Backend) -> None:
     view = crowded(0)
     splats, viewmat = view.splats, view.viewmat
     short, settings = replace(splats, scales=splats.scales[:5]), RasterSettings(alpha_min=0.0)
-    backgrounds = (torch.zeros(2), torch.full((6,), NAN), torch.full((6,), INF))
-    calls = [(short, viewmat, {}), (splats, viewmat * NAN, {}), (splats, viewmat, {"settings": settings})]
-    for parts, matrix, options in [*calls, *((splats, viewmat, {"background": color}) for color in backgrounds)]:
+    for parts, options in ((short, {}), (splats, {"settings": settings}), (splats, {"background": torch.zeros(2)})):
         with pytest.raises(InvalidInputError):
-            rasterize(parts, matrix, view.camera, backend=backend, **options)
+            rasterize(parts, viewmat, view.camera, backend=backend, **options)
     with pytest.raises(InvalidInputError):
         accumulate_weights(splats, viewmat, view.camera, torch.ones(3, 3, 1), backend=backend)
 
