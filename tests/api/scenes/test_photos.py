@@ -14,11 +14,10 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.blobs import remove
 from fastsplat_contract.codec.json_codec import to_plain
-from fastsplat_contract.codec.proto_codec import from_proto
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.messages.scenes import Edit
 from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
-from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.calls import over_grpc
 from tests.api.clients import assert_same, client_of, outcome
 from tests.api.made_scene import PHOTO_COLORS, add_scene
 from tests.api.served import Faces
@@ -100,9 +99,7 @@ def test_a_best_view_shows_where_the_object_is(service: SceneService, scene_id: 
         assert mask.mean() == pytest.approx(view.share) and view.mask.area == mask.sum() > 0
         posed = next(camera for camera in service.get_scene(scene_id).cameras if camera.name == view.view)
         row, column = (int(index.mean()) for index in np.nonzero(mask))  # the blob's middle
-        x, y, z = posed.camera_from_world()[:3, :3] @ [-0.8, 0, 4] + posed.camera_from_world()[:3, 3]
-        camera = posed.camera
-        assert abs(camera.fx * x / z + camera.cx - column) < 4 and abs(camera.fy * y / z + camera.cy - row) < 4
+        assert np.abs(posed.pixels(np.array([-0.8, 0.0, 4.0])) - (column, row)).max() < 4
     assert service.photos.best_views(scene_id, text="volcano").views == ()
 
 
@@ -136,15 +133,9 @@ def test_verdicts_are_the_same_over_each_face_while_the_job_still_runs(faces: Fa
         assert_same(tuple(client.photo_verdicts(scene_id)), truth)
         over_rest = faces.rest.get(f"/v1/scenes/{scene_id}/photo-verdicts", params={"page_size": 3}).json()
         assert over_rest == to_plain(page)
-        token, read = "", []
-        while True:
-            request = pb.ListPhotoVerdictsRequest(scene_id=scene_id, page_size=3, page_token=token)
-            answer = faces.rpc.ListPhotoVerdicts(request)
-            read += [from_proto(PhotoVerdict, photo) for photo in answer.photos]
-            assert (answer.assessed, answer.placed_count, answer.photo_count) == (True, 4, 7)
-            if not (token := answer.next_page_token):
-                break
-        assert_same(tuple(read), truth)
+        assert_same(over_grpc(faces, "ListPhotoVerdicts", {"scene_id": scene_id}, {"page_size": 3}), page)
+        rest = {"page_size": 5, "page_token": page.next_page_token}
+        assert_same(over_grpc(faces, "ListPhotoVerdicts", {"scene_id": scene_id}, rest).photos, truth[3:])
         service.delete_scene(scene_id)
         with pytest.raises(NotFoundError):
             list(client.photo_verdicts(scene_id))

@@ -17,6 +17,7 @@ from fastsplat.service.capture.photos.camera_model import (
 )
 from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _W, _H, _F = 320, 240, 260.0
 _OPENCV = CameraModel("OPENCV", _W, _H, (_F, 0.98 * _F, 163.0, 118.0, -0.18, 0.04, 0.002, -0.001))
@@ -106,13 +107,12 @@ def test_rotation_commutes_with_undistortion(turns: int) -> None:
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_a_point_rotates_with_the_image(turns: int) -> None:
     undistortion = compute_undistortion(CameraModel("PINHOLE", _W, _H, (300.0, 310.0, 150.4, 125.3)), 10_000, field="x")
-    camera, point = undistortion.camera, np.array([0.1, -0.2, 2.0, 1.0])
-    row, column = camera.fy * point[1] / 2 + camera.cy, camera.fx * point[0] / 2 + camera.cx
+    point = np.array([0.1, -0.2, 2.0])
+    column, row = PosedCamera(undistortion.camera, np.eye(4)).pixels(point)
     image = np.zeros((_H, _W), np.uint8)
     image[int(row), int(column)] = 255
     rotated = rotate90(undistortion, turns, _W, _H).camera
-    there = np.linalg.inv(rotate90_pose(np.eye(4), turns)) @ point
-    u, v = rotated.fx * there[0] / there[2] + rotated.cx, rotated.fy * there[1] / there[2] + rotated.cy
+    u, v = PosedCamera(rotated, rotate90_pose(np.eye(4), turns)).pixels(point)
     assert np.rot90(image, -turns)[int(v), int(u)] == 255
     assert (rotated.width, rotated.height) == np.rot90(image, -turns).shape[::-1]
 

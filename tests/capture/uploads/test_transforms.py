@@ -124,10 +124,7 @@ def test_a_rotated_phone_photo_with_poses(upload, photo, settings) -> None:
         stored = np.asarray(image)
     upright = load_image(view)
     for u, v in ((5.5, 7.5), (60.5, 40.5), (31.5, 2.5)):
-        world = np.array([(u - 31.0) / 60.0, -(v - 25.0) / 61.0, -1.0, 1.0])
-        there = view.posed.camera_from_world() @ world
-        camera = view.posed.camera
-        x, y = camera.fx * there[0] / there[2] + camera.cx, camera.fy * there[1] / there[2] + camera.cy
+        x, y = view.posed.pixels(np.array([(u - 31.0) / 60.0, -(v - 25.0) / 61.0, -1.0]))
         np.testing.assert_array_equal(upright[int(y), int(x)], stored[int(v), int(u)])
 
 

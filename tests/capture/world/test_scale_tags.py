@@ -50,17 +50,11 @@ def _tag_corners(x: float, y: float, side_m: float = _SIDE_M) -> F64:
     )
 
 
-def _project(posed: PosedCamera, points: F64) -> F64:
-    local = points @ posed.camera_from_world()[:3, :3].T + posed.camera_from_world()[:3, 3]
-    camera = posed.camera
-    return local[:, :2] / local[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-
-
 def _sightings(cameras: list[PosedCamera], noise_px: float = 0.0, seed: int = 0) -> list[TagSighting]:
     rng = np.random.default_rng(seed)
     return [
-        TagSighting(view, tag, _project(posed, corners) + rng.normal(scale=noise_px, size=(4, 2)) if noise_px else
-                    _project(posed, corners))
+        TagSighting(view, tag, posed.pixels(corners) + rng.normal(scale=noise_px, size=(4, 2)) if noise_px else
+                    posed.pixels(corners))
         for view, posed in enumerate(cameras)
         for tag, corners in ((tag, _tag_corners(*place)) for tag, place in _TAGS.items())
     ]  # fmt: skip
@@ -98,7 +92,7 @@ def _disturbed(posed: PosedCamera, rng: np.random.Generator) -> PosedCamera:
 
 def _with_moved(sightings: list[TagSighting], tags: list[int]) -> list[TagSighting]:
     """These tags lie elsewhere in every second view."""
-    corners = [_project(posed, _tag_corners(0.0, -0.4)) for posed in _cameras()]
+    corners = [posed.pixels(_tag_corners(0.0, -0.4)) for posed in _cameras()]
     moved = [sight.tag in tags and sight.view % 2 for sight in sightings]
     pairs = zip(sightings, moved, strict=True)
     return [replace(sight, corners=corners[sight.view]) if elsewhere else sight for sight, elsewhere in pairs]
@@ -187,7 +181,7 @@ def _picture(posed: PosedCamera) -> NDArray[np.uint8]:
     lying = np.concatenate([corners, np.zeros((4, 1))], axis=1)
     for texture, points in ((wall, upright), (floor, lying)):
         source = np.array([[0, 0], [size, 0], [size, size], [0, size]], np.float32) - 0.5
-        onto = (3 * _project(posed, points) - 0.5).astype(np.float32)
+        onto = (3 * posed.pixels(points) - 0.5).astype(np.float32)
         homography = cv2.getPerspectiveTransform(source, onto)
         inside = cv2.warpPerspective(np.full((size, size), 255, np.uint8), homography, (width, height)) > 127
         picture[inside] = cv2.warpPerspective(texture, homography, (width, height))[inside]

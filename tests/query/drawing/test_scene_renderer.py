@@ -21,9 +21,8 @@ def index() -> SceneIndex:
 
 
 def pixel_of(index: SceneIndex, row: int, posed: PosedCamera) -> tuple[int, int]:
-    x, y, z = (posed.camera_from_world() @ np.append(index.scene.gaussians.means[row], 1.0))[:3]
-    camera = posed.camera
-    return int(camera.fy * y / z + camera.cy), int(camera.fx * x / z + camera.cx)
+    x, y = posed.pixels(index.scene.gaussians.means[row])
+    return int(y), int(x)
 
 
 @pytest.mark.parametrize("label", ["mug", "spoon", "bed"])

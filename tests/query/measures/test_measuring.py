@@ -69,14 +69,12 @@ def test_a_pixel_is_where_its_ray_meets_the_surface(index: SceneIndex, camera: i
     posed = index.scene.cameras[camera]
     for center in (_LEFT.centre, _RIGHT.centre):
         target = np.add(center, (0.0, 0.0, _SIZE[2] / 2))  # the middle of the top
-        inside = posed.camera_from_world() @ [*target, 1.0]
-        x = posed.camera.fx * inside[0] / inside[2] + posed.camera.cx
-        y = posed.camera.fy * inside[1] / inside[2] + posed.camera.cy
-        place = locate(index, Place(view=posed.name, pixel=Pixel(x, y)))
+        pixel = Pixel(*posed.pixels(target).tolist())
+        place = locate(index, Place(view=posed.name, pixel=pixel))
         error = np.linalg.norm(place.point - target)
         assert error < 0.03 and error <= place.plus_minus < 0.12, (error, place.plus_minus)
         assert place.object_id == (1 if center is _LEFT.centre else 2)
-        free = locate(index, Place(camera=posed, pixel=Pixel(x, y)))
+        free = locate(index, Place(camera=posed, pixel=pixel))
         assert (free.point == place.point).all()
 
 

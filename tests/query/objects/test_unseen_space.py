@@ -49,10 +49,8 @@ def exactly(boxes: Sequence[BoxShell], cameras: Sequence[PosedCamera]) -> float:
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     in_view, seen = np.zeros((2, len(points)), np.bool_)
     for posed in cameras:
-        camera, pose, eye = posed.camera, posed.camera_from_world(), posed.world_from_camera[:3, 3]
-        x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
-        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-        inside = (z > 0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+        eye, inside = posed.world_from_camera[:3, 3], np.zeros(len(points), np.bool_)
+        inside[posed.in_picture(points)[0]] = True
         free = inside.copy()
         for box in boxes:
             ends = [(np.add(box.centre, side * np.array(box.size) / 2) - eye) / (points - eye) for side in (-1, 1)]

@@ -194,10 +194,7 @@ def test_random_points_lie_where_several_cameras_look(world) -> None:
     assert start.random == 700 == len(start.points)
     seen = np.zeros(700)
     for view in capture.views:
-        local = start.points @ view.posed.camera_from_world()[:3, :3].T + view.posed.camera_from_world()[:3, 3]
-        camera = view.posed.camera
-        x, y = local[:, 0] / local[:, 2] * camera.fx + camera.cx, local[:, 1] / local[:, 2] * camera.fy + camera.cy
-        seen += (local[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+        seen[view.posed.in_picture(start.points)[0]] += 1
     assert seen.min() >= 2
     assert (start.points == start_points(capture.points[:0], capture.point_colors[:0], views, 700, 3).points).all()
 
