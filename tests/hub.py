@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from tokenizers import Tokenizer
 from tokenizers.models import WordLevel
 from tokenizers.pre_tokenizers import Whitespace
 
+from tests.client.scripted import serving
 from tests.looks_model import write_looks_model
 from tests.networks import EXTENT, write_network
 
@@ -120,13 +120,9 @@ def serving_hub(hub: Hub) -> Iterator[str]:
 
         def log_message(self, *arguments: object) -> None: ...
 
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server, pytest.MonkeyPatch.context() as patch:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+    with serving(ThreadingHTTPServer(("127.0.0.1", 0), Handler)) as server, pytest.MonkeyPatch.context() as patch:
         patch.setenv("HF_ENDPOINT", address := f"http://127.0.0.1:{server.server_port}/")
-        try:
-            yield address
-        finally:
-            server.shutdown()
+        yield address
 
 
 def planted_hub(folder: Path) -> tuple[Hub, Path]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import http.server
 import os
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from typer.testing import Result
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.store import open_store
 from fastsplat.workers.engine.process_group import machine_id
+from tests.client.scripted import scripted
 from tests.commands import invoke
 
 
@@ -43,21 +42,10 @@ def test_a_worker_is_well_while_its_heartbeat_is_fresh(health: Callable[..., Res
 
 @pytest.mark.parametrize("status", [200, 503])
 def test_the_api_is_well_when_it_says_so(health: Callable[..., Result], status: int) -> None:
-    paths = []
-
-    class Answer(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            paths.append(self.path)
-            self.send_response(status)
-            self.end_headers()
-
-        def log_message(self, *_: object) -> None: ...
-
-    with http.server.HTTPServer(("127.0.0.1", 0), Answer) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+    with scripted() as server:
+        server.script = [(status, {}, b"")]
         result = health("api", server.server_port)
-        server.shutdown()
-    assert paths == ["/readyz"]
+    assert [request for request, _, _ in server.seen] == ["GET /readyz"]
     assert result.exit_code == (status != 200) and bool(result.stderr) == (status != 200)
 
 

@@ -6,7 +6,6 @@ import hashlib
 import http.server
 import io
 import tarfile
-import threading
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -30,6 +29,7 @@ from fastsplat.service.perception.models.model_manifest import (
 )
 from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
+from tests.client.scripted import serving
 
 _HEAD = '[[model]]\nname = "words"\nrole = "text_encoder"\nadapter = "label_table"\nabout = "A few words."'
 
@@ -256,17 +256,13 @@ def test_a_package_of_npm_comes_without_npm(tmp_path: Path, monkeypatch: pytest.
     target = tmp_path / "index"
     fetch = partial(fetch_file, file, target, cache=tmp_path, base=tmp_path, on_bytes=lambda done, total: None)
     handler = partial(http.server.SimpleHTTPRequestHandler, directory=str(registry))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+    with serving(http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)) as server:
         monkeypatch.setenv("npm_config_registry", f"http://127.0.0.1:{server.server_port}/")
         monkeypatch.setenv("PATH", "")
-        try:
-            if not fault:
-                fetch()
-                assert target.read_bytes() == inner
-                return
-            with pytest.raises(ModelUnavailableError, match="404" if fault == "absent" else "sha256"):
-                fetch()
-            assert not target.exists()
-        finally:
-            server.shutdown()
+        if not fault:
+            fetch()
+            assert target.read_bytes() == inner
+            return
+        with pytest.raises(ModelUnavailableError, match="404" if fault == "absent" else "sha256"):
+            fetch()
+        assert not target.exists()
