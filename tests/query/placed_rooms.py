@@ -85,11 +85,11 @@ class Room:
     objects: list[Placed] = field(default_factory=list)
 
     @classmethod
-    def table_with(cls, *things: tuple[str, Triple]) -> Room:
-        """A table, object 1, with flat things in a row on it."""
+    def table_with(cls, *objects: tuple[str, Triple]) -> Room:
+        """A table, object 1, with flat ones in a row on it."""
         room = cls()
         room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
-        for (name, color), x in zip(things, (-0.4, 0.0, 0.4), strict=True):
+        for (name, color), x in zip(objects, (-0.4, 0.0, 0.4), strict=True):
             room.place(name, box((0.2, 0.15, 0.06)), (x, 0, 0.75), 0.2, color)
         return room
 
