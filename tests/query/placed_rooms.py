@@ -86,7 +86,7 @@ class Room:
 
     @classmethod
     def table_with(cls, *objects: tuple[str, Triple]) -> Room:
-        """A table, object 1, with flat ones in a row on it."""
+        """A table, object 1, with flat objects in a row on it."""
         room = cls()
         room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
         for (name, color), x in zip(objects, (-0.4, 0.0, 0.4), strict=True):
