@@ -200,7 +200,6 @@ EXAMPLES = (
             ({"view": "none.png", "pixel": _PIXEL}, "view", "NOT_FOUND"),
             ({"view": "front.png", "pixel": _PIXEL, "version": "e9"}, "version", "NOT_FOUND"),
             ({"point": _FAR}, "point", "NOT_FOUND"),
-            ({"view": "front.png", "pixel": _PIXEL, "point": _FAR}, "point", "INVALID_INPUT"),
         )
     ),
     _bad("MeasureScene", MeasureRequest(places=(), scene_id=""), "places"),

@@ -20,6 +20,7 @@ from fastsplat_contract.messages.objects import PickRequest, Pixel, PixelBox
 from fastsplat_contract.messages.scenes import Edit, InsertSource
 from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, made_scene, parted_scene, turned
+from tests.api.served import Faces, rest_refusal
 from tests.at_once import at_once
 from tests.scenes import store_scene
 
@@ -51,6 +52,11 @@ def test_picks_show_the_mask_of_what_is_asked_for_by_name(client: Client, servic
     assert_same(client.pick(scene_id, "front.png", pixel=middle), service.answers.pick(requests[0]))
     assert_same(client.pick(scene_id, turned(0.0), box=box).object, ball)
     assert_same(client.pick(scene_id, point=ball.box.center.position).object, ball)
+
+
+def test_two_places_at_once_are_refused(faces: Faces, scene_id: str) -> None:
+    both = {"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}, "point": {"x": 0.0, "y": 0.0, "z": 4.0}}
+    assert rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:pick", json=both)).details["field"] == "point"
 
 
 def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
