@@ -93,7 +93,7 @@ class SceneService(AbstractContextManager["SceneService"]):
         self._prompted = PromptedEdits(context)
         files = settings.uploads
         self.resumable = ResumableUploads(
-            store.blobs, settings.capture.max_upload_bytes, files.expiry_s, quotas, files.min_free_bytes
+            store, settings.capture.max_upload_bytes, files.expiry_s, quotas, files.min_free_bytes
         )
         """Files uploaded in pieces, adopted by an upload once complete."""
         self.exports = Exports(context)

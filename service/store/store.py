@@ -22,6 +22,7 @@ from fastsplat.service.store.repositories.name_repository import KnownNameReposi
 from fastsplat.service.store.repositories.project_repository import ProjectRepository
 from fastsplat.service.store.repositories.quota_usage import QuotaUsage
 from fastsplat.service.store.repositories.scene_repository import SceneRepository
+from fastsplat.service.store.repositories.upload_repository import UploadRepository
 from fastsplat.service.store.repositories.version_repository import VersionRepository
 from fastsplat.service.store.rows.database import open_engine, resolve_url
 from fastsplat.service.store.rows.identity import adopt, check_new_database, establish_identity
@@ -44,6 +45,7 @@ class Store:
     quota_usage: QuotaUsage
     known_names: KnownNameRepository
     models: ModelRepository
+    uploads: UploadRepository
     blobs: Blobs
     reserve: Reserve
     engine: Engine
@@ -98,13 +100,14 @@ def open_store(
     return Store(
         scenes=SceneRepository(engine),
         versions=VersionRepository(engine),
-        jobs=JobRepository(engine),
+        jobs=JobRepository(engine, blobs.clock()),
         workers=WorkerRepository(engine),
         keys=KeyRepository(engine),
         projects=ProjectRepository(engine),
         quota_usage=QuotaUsage(engine),
         known_names=KnownNameRepository(engine),
         models=ModelRepository(engine),
+        uploads=UploadRepository(engine),
         blobs=blobs,
         reserve=reserve,
         engine=engine,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import random
 import shutil
 import signal
@@ -20,9 +19,13 @@ import pytest
 
 from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
 from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES
-from fastsplat.service.store.blobs.blobs import Blobs
+from fastsplat.service.store.artefact_settings import ArtefactSettings
+from fastsplat.service.store.repositories.upload_repository import UploadRepository
+from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import (
+    ArtefactError,
     ChecksumMismatchError,
+    DatabaseError,
     InvalidInputError,
     LimitExceededError,
     NotFoundError,
@@ -39,9 +42,24 @@ class _CutError(Exception):
     """The sender is gone."""
 
 
+def _open(tmp_path: Path, data_dir: str, objects: bool) -> Store:
+    """Of one database; with objects, bytes are not in the data folder."""
+    artefacts = ArtefactSettings(url=f"file://{tmp_path}/bucket") if objects else None
+    return open_store(tmp_path / data_dir, f"sqlite:///{tmp_path}/rows.sqlite", artefacts)
+
+
 @pytest.fixture
-def uploads(tmp_path: Path) -> ResumableUploads:
-    return ResumableUploads(Blobs(tmp_path), 10_000_000, 3600.0)
+def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
+    with closing(_open(tmp_path, "data", getattr(request, "param", "folder") == "objects")) as opened:
+        yield opened
+
+
+_anywhere = pytest.mark.parametrize("store", ["folder", "objects"], indirect=True)
+
+
+@pytest.fixture
+def uploads(store: Store) -> ResumableUploads:
+    return ResumableUploads(store, 10_000_000, 3600.0)
 
 
 def _until(data: bytes, cut: int, rng: random.Random) -> Iterator[bytes]:
@@ -64,9 +82,11 @@ def _append(uploads: ResumableUploads, upload_id: str, at: int, chunks: Iterable
 
 
 def _bytes_of(uploads: ResumableUploads, upload_id: str) -> bytes:
-    return uploads.complete("k", upload_id)[1].read_bytes()
+    content = uploads.complete("k", upload_id)[1]
+    return content.read_bytes() if isinstance(content, Path) else b"".join(content)
 
 
+@_anywhere
 def test_cut_at_a_hundred_random_offsets_the_bytes_are_the_same(uploads: ResumableUploads) -> None:
     rng = random.Random(7)
     data = rng.randbytes(200_000)
@@ -85,8 +105,9 @@ _APPEND = """
 import sys
 from pathlib import Path
 from fastsplat.service.application.uploading import resumable, upload_piece
+from fastsplat.service.store.store import open_store
 upload_piece._DURABLE_BYTES = 1 << 16
-uploads = resumable.ResumableUploads(resumable.Blobs(Path(sys.argv[1])), 10**7, 3600.0)
+uploads = resumable.ResumableUploads(open_store(Path(sys.argv[1]), sys.argv[3]), 10**7, 3600.0)
 offset = uploads.get("k", sys.argv[2]).offset
 piece = uploads.begin_piece("k", sys.argv[2], offset)
 while chunk := sys.stdin.buffer.read1(4096):
@@ -102,7 +123,7 @@ def test_killed_in_mid_piece_and_resumed_the_bytes_are_the_same(uploads: Resumab
     for _ in range(2):
         before = uploads.get("k", upload.id).offset
         process = subprocess.Popen(
-            [sys.executable, "-c", _APPEND, str(tmp_path), upload.id],
+            [sys.executable, "-c", _APPEND, str(tmp_path / "data"), upload.id, f"sqlite:///{tmp_path}/rows.sqlite"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             cwd=_ROOT,
@@ -125,6 +146,7 @@ def test_killed_in_mid_piece_and_resumed_the_bytes_are_the_same(uploads: Resumab
     assert _bytes_of(uploads, upload.id) == data
 
 
+@_anywhere
 @pytest.mark.parametrize("algorithm", ["sha1", "sha256"])
 def test_a_checksum_that_does_not_fit_leaves_nothing_of_its_piece(uploads: ResumableUploads, algorithm: str) -> None:
     upload = uploads.create("k", "a.bin", 20)
@@ -145,6 +167,7 @@ def test_a_checksum_that_does_not_fit_leaves_nothing_of_its_piece(uploads: Resum
     assert _bytes_of(uploads, upload.id) == b"01234567890123456789"
 
 
+@_anywhere
 def test_only_the_next_byte_may_follow(uploads: ResumableUploads) -> None:
     upload = uploads.create("k", "a.bin", 10)
     _append(uploads, upload.id, 0, [b"01234"])
@@ -183,22 +206,64 @@ def test_two_senders_at_once_never_mix(uploads: ResumableUploads) -> None:
     assert _bytes_of(uploads, upload.id) == b"abcd"
 
 
-def test_an_upload_expires_and_each_piece_gives_it_more_time(tmp_path: Path) -> None:
-    uploads = ResumableUploads(Blobs(tmp_path), 100, 50.0)
+def test_of_two_servers_that_share_a_store_the_faster_one_goes_on(tmp_path: Path) -> None:
+    with closing(_open(tmp_path, "here", True)) as here, closing(_open(tmp_path, "there", True)) as there:
+        first, second = (ResumableUploads(store, 100, 3600.0) for store in (here, there))
+        upload = first.create("k", "a.bin", 6)
+        with closing(first.begin_piece("k", upload.id, 0)) as slow:
+            slow.write(b"XYZ")
+            assert _append(second, upload.id, 0, [b"ab"]).offset == 2
+            with pytest.raises(OffsetConflictError):
+                slow.finish()
+        assert first.get("k", upload.id).offset == 2
+        _append(first, upload.id, 2, [b"cd"])
+        _append(second, upload.id, 4, [b"ef"])
+        assert _bytes_of(first, upload.id) == _bytes_of(second, upload.id) == b"abcdef"
+        assert here.blobs.ids("uploads") == there.blobs.ids("uploads") == (upload.id,)
+        assert here.jobs.uploads(0.0) == (frozenset([upload.id]), frozenset())
+        second.delete("k", upload.id)
+        for uploads in (first, second):
+            with pytest.raises(NotFoundError):
+                uploads.get("k", upload.id)
+        assert here.blobs.ids("uploads") == there.blobs.ids("uploads") == ()
+
+
+def test_bytes_that_a_failing_database_did_not_count_are_counted_once_it_answers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with closing(_open(tmp_path, "data", True)) as store:
+        uploads = ResumableUploads(store, 100, 3600.0)
+        upload = uploads.create("k", "a.bin", 3)
+        with closing(uploads.begin_piece("k", upload.id, 0)) as piece, monkeypatch.context() as patch:
+            piece.write(b"abc")
+            patch.setattr(UploadRepository, "advance", Mock(side_effect=DatabaseError("away")))
+            with pytest.raises(DatabaseError):
+                piece.finish()
+            patch.undo()
+        assert _bytes_of(uploads, upload.id) == b"abc"
+        (path,) = (tmp_path / "bucket" / "uploads" / upload.id).rglob("*-*")
+        path.write_bytes(b"abd")
+        with pytest.raises(ArtefactError):
+            _bytes_of(uploads, upload.id)
+
+
+def test_an_upload_expires_and_each_piece_gives_it_more_time(store: Store) -> None:
+    now = [1.8e9]
+    uploads = ResumableUploads(store, 100, 50.0, wall=lambda: now[0])
     upload = uploads.create("k", "a.bin", 4)
-    offset = tmp_path / "uploads" / upload.id / "offset"
-    os.utime(offset, (0, offset.stat().st_mtime - 30))
-    earlier = uploads.get("k", upload.id)
-    assert _append(uploads, upload.id, 0, [b"x"]).expires_at > earlier.expires_at
-    os.utime(offset, (0, offset.stat().st_mtime - 60))
+    now[0] += 30.0
+    assert _append(uploads, upload.id, 0, [b"x"]).expires_at == pytest.approx(upload.expires_at + 30.0)
+    now[0] += 40.0
+    assert uploads.get("k", upload.id).offset == 1
+    now[0] += 11.0
     with pytest.raises(NotFoundError):
         uploads.get("k", upload.id)
 
 
 @pytest.mark.parametrize("jumps", [(_DAY,), (-_DAY,), (-_DAY, _DAY), (_DAY, -_DAY), (20_000 * _DAY,)])
-def test_a_clock_that_is_set_expires_nothing(tmp_path: Path, jumps: tuple[float, ...]) -> None:
+def test_a_clock_that_is_set_expires_nothing(store: Store, jumps: tuple[float, ...]) -> None:
     now = [1.8e9]
-    uploads = ResumableUploads(Blobs(tmp_path), 100, 24 * 3600.0, wall=lambda: now[0])
+    uploads = ResumableUploads(store, 100, 24 * 3600.0, wall=lambda: now[0])
     old = uploads.create("k", "old.bin", 4)
     for number, jump in enumerate(jumps):
         now[0] += jump
@@ -226,7 +291,7 @@ def test_what_cannot_become_a_capture_is_refused_at_once(uploads: ResumableUploa
     for name in ("../x", "nothing", ".", "a/b"):
         with pytest.raises(NotFoundError):
             uploads.get("k", name)
-    assert not list((tmp_path / "uploads").glob("*")) if (tmp_path / "uploads").exists() else True
+    assert not (tmp_path / "data" / "uploads").exists()
 
 
 def test_a_full_disk_is_told_and_what_came_stays(uploads: ResumableUploads, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -241,9 +306,9 @@ def test_a_full_disk_is_told_and_what_came_stays(uploads: ResumableUploads, monk
 
 
 def test_a_piece_ends_when_the_disk_becomes_almost_full_meanwhile(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    uploads = ResumableUploads(Blobs(tmp_path), 1 << 30, 3600.0, min_free_bytes=1 << 30)
+    uploads = ResumableUploads(store, 1 << 30, 3600.0, min_free_bytes=1 << 30)
     upload = uploads.create("k", "a.zip", 2 * SPACE_CHECK_BYTES)
     free = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: free._replace(free=free.total // 1000))

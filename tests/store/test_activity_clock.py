@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,9 @@ import pytest
 from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
-from fastsplat.service.store.blobs.blobs import RESUMABLE_MARK, Blobs
+from fastsplat.service.store.blobs.blobs import Blobs
+from fastsplat.service.store.repositories.upload_repository import UploadRecord
+from fastsplat.service.store.store import open_store
 
 _DAY = 86_400.0
 _UNWRITTEN_S = 31.0  # it writes down how far it is about twice a minute
@@ -65,18 +68,16 @@ def test_without_a_folder_it_is_the_wall_clock(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("passed", [False, True])
 def test_the_janitor_takes_no_resumable_upload_for_old_after_a_jump(tmp_path: Path, passed: bool) -> None:
-    blobs = Blobs(tmp_path)
-    folder = blobs.upload("up")
-    folder.mkdir(parents=True)
-    wall = _Wall(time.time() - _DAY)
-    clock = ActivityClock(tmp_path, wall)
-    clock.now()
-    (folder / RESUMABLE_MARK).touch()
-    os.utime(folder / RESUMABLE_MARK, (wall.at, wall.at))
-    for _ in range(24 if passed else 0):  # a day goes by; otherwise the clock is just set to now
-        wall.at += 3_600.0
-        clock.now()
-    assert (blobs.upload_age("up") > 23 * 3_600.0) is passed
+    with closing(open_store(tmp_path)) as store:
+        wall = _Wall(time.time() - _DAY)
+        clock = ActivityClock(tmp_path, wall)
+        store.uploads.add(UploadRecord("up", "k", "", "a.zip", 9, "", clock.now() + 23 * 3_600.0))
+        for _ in range(24 if passed else 0):  # a day goes by; otherwise the clock is just set to now
+            wall.at += 3_600.0
+            clock.now()
+        assert (store.jobs.uploads(0.0)[0] == set()) is passed
+        store.jobs.delete_ended(0.0)
+        assert (store.uploads.find("up") is None) is passed
 
 
 def test_the_janitor_takes_no_upload_for_old_that_is_coming_in(tmp_path: Path) -> None:

@@ -73,9 +73,11 @@ def test_an_upload_reaches_workers_that_share_no_folder(here, there):
     _version_folder(here.upload("up"), "what the user sent")
     (here.upload("up") / ".validated").mkdir()
     (here.upload("up") / ".validated" / "manifest.json").write_text("[]")
+    content = _content(here.upload("up"))
     here.keep_upload("up")
+    assert not here.upload("up").exists()
     assert 0 <= there.upload_age("up") < 3600 and there.ids("uploads") == ("up",)
-    assert _content(there.fetch_upload("up")) == _content(here.upload("up"))
+    assert _content(there.fetch_upload("up")) == content
     there.drop_upload("up")
     assert _objects(here) == []
     with pytest.raises(ArtefactError):

@@ -36,6 +36,8 @@ from fastsplat_contract.messages.edit_previews import EditPreview
 from fastsplat_contract.messages.scenes import Edit, InsertSource, SceneVersion
 
 _TRIES = 5
+_LEASE_S = 30.0
+"""Edits of a scene wait for each other on all servers; after a crash, or a longer one, the next begins after this."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Versions:
         self._prompted.check(edits)
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         self._context.scenes.version(scene_id, "")
-        with self._context.store.blobs.exclusive(scene_id):  # serialized per machine to avoid conflicts
+        with self._context.store.workers.exclusive(f"edit {scene_id}", _LEASE_S):  # else most would conflict
             for remaining in reversed(range(_TRIES)):
                 earlier = self._context.store.versions.made_by(scene_id, request_id, digest)
                 if earlier is not None:
@@ -95,7 +97,7 @@ class Versions:
                     return self._make(
                         VersionOrder(scene_id, edits, rows, digest, request_id, looked_at, author), current
                     )
-                except ConflictError:  # a concurrent undo, job or machine: retry on its result
+                except ConflictError:  # a concurrent undo, job or too long an edit: retry on its result
                     if not remaining:
                         raise
         raise AssertionError

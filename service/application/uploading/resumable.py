@@ -1,46 +1,36 @@
-"""Resumable uploads: files that grow by acknowledged pieces.
+"""Resumable uploads: files that grow by acknowledged pieces, sent to any server.
 
-uploads/<id>/resumable.json   announcement
-uploads/<id>/offset           durable bytes, written after the bytes themselves; its mtime is the upload's age
-                              by `ActivityClock`
-uploads/<id>/data             the bytes; those behind the offset were never acknowledged and are cut off
-
-Processes may share a folder: appending holds a lock on `data`, which the kernel releases if the process dies.
+A row counts the durable bytes. They lie in the data folder's file, which one sender at a time has open, or as objects
+in a store. Of two senders whose servers share only a store, the one whose bytes are durable first goes on.
 """
 
 from __future__ import annotations
 
 import copy
-import fcntl
-import json
-import os
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import closing
-from dataclasses import asdict, dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from io import FileIO
 from pathlib import Path
 
 from fastsplat.service.application.admin.quotas import Quotas
-from fastsplat.service.application.uploading.upload_piece import OFFSET, Algorithm, Piece, digits, mark_activity
+from fastsplat.service.application.uploading.upload_piece import Algorithm, Piece
 from fastsplat.service.application.uploading.uploads import disk_error, too_large
 from fastsplat.service.common.file_names import safe_parts
-from fastsplat.service.common.files import sync_directory
-from fastsplat.service.store.blobs.activity_clock import ActivityClock
-from fastsplat.service.store.blobs.blobs import Blobs, remove
 from fastsplat.service.store.blobs.reserve import check_free_space
+from fastsplat.service.store.repositories.upload_repository import UploadRecord
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import (
     ConflictError,
+    FastSplatError,
     InvalidInputError,
     LimitExceededError,
     NotFoundError,
     OffsetConflictError,
-    UploadLockedError,
 )
-
-_INFO, _DATA = "resumable.json", "data"
 
 
 @dataclass(frozen=True)
@@ -63,35 +53,24 @@ class Resumable:
     expires_at: float
 
 
-@dataclass(frozen=True)
-class _Info:
-    project: str
-    name: str
-    length: int
-    metadata: str
-    key: str = ""
-    """Id of the upload key that announced it; "" for other keys."""
-
-
 class ResumableUploads:
-    """All unfinished uploads of one data folder. Safe across threads and processes."""
+    """All unfinished uploads of one database. Safe across threads, processes and servers."""
 
     _key = ""
     _max_files = 0
 
     def __init__(
         self,
-        blobs: Blobs,
+        store: Store,
         max_bytes: int,
         lifetime_s: float,
         quotas: Quotas | None = None,
         min_free_bytes: int = 0,
         wall: Callable[[], float] = time.time,
     ) -> None:
+        self._blobs, self._rows = store.blobs, store.uploads
         self._min_free_bytes = min_free_bytes
-        self._blobs = blobs
-        self._wall = wall
-        self._clock = ActivityClock(blobs.root, wall)
+        self._wall, self._now = wall, store.blobs.clock(wall)
         self._quotas = quotas
         self.max_bytes = max_bytes
         self._lifetime_s = lifetime_s
@@ -121,84 +100,83 @@ class ResumableUploads:
         if length > self.max_bytes:
             raise too_large(f"announces {length}", "Upload-Length", self.max_bytes)
         if self._quotas is not None and self._quotas.bounded:
-            self._quotas.check_room(project, length + sum(upload.length for upload in self._all(project)))
+            announced = sum(upload.length for upload in self._rows.of(project, self._now()))
+            self._quotas.check_room(project, announced + length)
         check_free_space(self._blobs.root, self._min_free_bytes, length)
-        upload_id = uuid.uuid4().hex
-        folder = self._blobs.upload(upload_id)
+        record = UploadRecord(uuid.uuid4().hex, project, self._key, name, length, metadata, self._expiry())
         try:
-            folder.mkdir(parents=True)
-            _write_durably(folder / _DATA, "")
-            _write_durably(folder / OFFSET, digits(0))
-            # Last: a folder without it is no upload.
-            _write_durably(folder / _INFO, json.dumps(asdict(_Info(project, name, length, metadata, self._key))))
-            mark_activity(folder, self._clock.now())
-            sync_directory(folder)
-            sync_directory(folder.parent)
+            self._blobs.begin_data(record.id)
         except OSError as error:
-            remove(folder)
+            self._blobs.drop_upload(record.id)
             raise disk_error(error, "upload") from error
         try:
+            self._rows.add(record)
             if self._key:  # checked last, so that concurrent announcements see each other
-                self._check_owned(project, upload_id)
+                self._check_owned(project, record.id)
         except BaseException:
-            remove(folder)
+            with suppress(FastSplatError):  # what stays expires
+                self._drop(record.id)
             raise
-        return self.get(project, upload_id)
+        return self._state(record)
 
     def get(self, project: str, upload_id: str) -> Resumable:
         """State of an upload; raises `NotFoundError` if unknown, of another project, or expired."""
-        folder, info = self._find(project, upload_id)
-        offset = int((folder / OFFSET).read_text())
-        expires_at = self._wall() + self._lifetime_s - self._age(folder)
-        return Resumable(upload_id, info.name, info.length, offset, info.metadata, expires_at)
+        return self._state(self._find(project, upload_id))
 
     def begin_piece(
         self, project: str, upload_id: str, offset: int, checksum: tuple[Algorithm, bytes] | None = None
     ) -> Piece:
-        """Begins bytes at `offset`, locking the upload until the piece's `close`.
+        """Begins bytes at `offset`, in a data folder locking the upload until the piece's `close`.
 
         Raises:
             NotFoundError: as `get`.
             OffsetConflictError: `offset` is not the upload's end.
             UploadLockedError: another piece is being written.
         """
-        folder, info = self._find(project, upload_id)
-        data = _locked(folder)
+        self._find(project, upload_id)
+        data = self._blobs.open_data(upload_id, offset)
         try:
-            reached = int((folder / OFFSET).read_text())
-            if offset != reached:
-                raise OffsetConflictError(
-                    f"the piece begins at {offset}, the upload ends at {reached}",
-                    field="Upload-Offset",
-                    hint="Ask for the offset with HEAD, then go on from there.",
-                )
-            mark_activity(folder, self._clock.now())
+            record = self._find(project, upload_id)  # again, as the sender before may have had the lock
+            if offset != record.offset:
+                raise _elsewhere(offset, record.offset)
             check_space = partial(check_free_space, self._blobs.root, self._min_free_bytes)
-            return Piece(folder, data, reached, info.length, checksum, self._clock.now, check_space)
+            return Piece(data, offset, record.length, checksum, self._keeping(record), check_space)
         except BaseException:
             data.close()
             raise
 
     def delete(self, project: str, upload_id: str) -> None:
         """Removes an upload; raises `NotFoundError` and `UploadLockedError` as `begin_piece`."""
-        folder, _ = self._find(project, upload_id)
-        with closing(_locked(folder)):
-            remove(folder)
+        with self._blobs.open_data(self._find(project, upload_id).id, 0):
+            self._drop(upload_id)
 
-    def complete(self, project: str, upload_id: str) -> tuple[str, Path]:
-        """Name and path of a complete, now immutable upload; `OffsetConflictError` if incomplete."""
-        upload = self.get(project, upload_id)
-        if upload.offset != upload.length:
+    def complete(self, project: str, upload_id: str) -> tuple[str, Path | Iterator[bytes]]:
+        """Name, and path or bytes, of a complete, now immutable upload; `OffsetConflictError` if incomplete."""
+        record = self._find(project, upload_id)
+        if record.offset != record.length:
             raise OffsetConflictError(
-                f"upload {upload_id} has {upload.offset} of {upload.length} bytes",
+                f"upload {upload_id} has {record.offset} of {record.length} bytes",
                 field="uploads",
                 hint="Send the rest first.",
             )
-        return upload.name, self._blobs.upload(upload_id) / _DATA
+        return record.name, self._blobs.read_data(upload_id, record.pieces)
+
+    def _keeping(self, record: UploadRecord) -> Callable[[FileIO, int, int], None]:
+        """Function that makes the next bytes durable, and counts them."""
+
+        def keep(data: FileIO, begin: int, end: int) -> None:
+            nonlocal record
+            pieces = [*record.pieces, *self._blobs.keep_data(record.id, data, begin, end)]
+            after = replace(record, offset=end, pieces=pieces, expires_at=self._expiry())
+            if not self._rows.advance(record, after):
+                raise _elsewhere(begin, self._find(record.project, record.id).offset)
+            record = after
+
+        return keep
 
     def _check_owned(self, project: str, new_id: str) -> None:
         """Checks an upload key's limits, the new file included."""
-        uploads = list(self._all(project))
+        uploads = [upload for upload in self._rows.of(project, self._now()) if upload.key_id == self._key]
         limits = (
             (sum(upload.length for upload in uploads), self.max_bytes, "bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)"),
             (len(uploads), self._max_files, "files"),
@@ -219,51 +197,29 @@ class ResumableUploads:
                     hint=f"Send the rest of /v1/uploads/{upload.id} first, or delete it.",
                 )
 
-    def _all(self, project: str) -> Iterator[Resumable]:
-        for upload_id in self._blobs.ids("uploads"):
-            try:
-                yield self.get(project, upload_id)
-            except (NotFoundError, OSError, ValueError):  # another project's, or removed meanwhile
-                continue
+    def _find(self, project: str, upload_id: str) -> UploadRecord:
+        record = self._rows.find(upload_id)
+        visible = record is not None and record.project == project and self._key in ("", record.key_id)
+        if record is None or not visible or record.expires_at <= self._now():
+            hint = "It was finished, removed or has expired: start anew."
+            raise NotFoundError(f"no upload {upload_id[:80]!r}", field="upload", hint=hint)
+        return record
 
-    def _age(self, folder: Path) -> float:
-        """Seconds since the last piece."""
-        return self._clock.now() - (folder / OFFSET).stat().st_mtime
+    def _state(self, record: UploadRecord) -> Resumable:
+        expires_at = self._wall() + record.expires_at - self._now()
+        return Resumable(record.id, record.name, record.length, record.offset, record.metadata, expires_at)
 
-    def _find(self, project: str, upload_id: str) -> tuple[Path, _Info]:
-        try:
-            folder = self._blobs.upload(upload_id)
-            info = _Info(**json.loads((folder / _INFO).read_text()))
-            visible = info.project == project and self._key in ("", info.key)
-            if visible and self._age(folder) < self._lifetime_s:
-                return folder, info
-        except (OSError, ValueError):
-            pass
-        raise NotFoundError(
-            f"no upload {upload_id[:80]!r}", field="upload", hint="It was finished, removed or has expired: start anew."
-        )
+    def _expiry(self) -> float:
+        return self._now() + self._lifetime_s
+
+    def _drop(self, upload_id: str) -> None:
+        self._rows.remove(upload_id)
+        self._blobs.drop_upload(upload_id)
 
 
-def _locked(folder: Path) -> FileIO:
-    """Opens `data`, locked until closed."""
-    try:
-        data = (folder / _DATA).open("r+b", buffering=0)
-    except OSError:
-        raise NotFoundError(f"no upload {folder.name!r}", field="upload") from None
-    try:
-        fcntl.flock(data, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        data.close()
-        raise UploadLockedError(
-            "another piece of this upload is coming in",
-            field="upload",
-            hint="Wait until it has ended, ask for the offset, then go on.",
-        ) from None
-    return data
-
-
-def _write_durably(path: Path, text: str) -> None:
-    with path.open("x") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
+def _elsewhere(offset: int, end: int) -> OffsetConflictError:
+    return OffsetConflictError(
+        f"the piece begins at {offset}, the upload ends at {end}",
+        field="Upload-Offset",
+        hint="Ask for the offset with HEAD, then go on from there.",
+    )

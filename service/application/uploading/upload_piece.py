@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import os
 from collections.abc import Callable
 from io import FileIO
-from pathlib import Path
 from typing import Literal
 
 from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES, disk_error
-from fastsplat.service.store.blobs.blobs import RESUMABLE_MARK
-from fastsplat_contract.errors import ChecksumMismatchError, LimitExceededError
+from fastsplat_contract.errors import ChecksumMismatchError, FastSplatError, LimitExceededError
 
 Algorithm = Literal["sha1", "sha256"]
 ALGORITHMS: tuple[Algorithm, ...] = ("sha1", "sha256")
-OFFSET = RESUMABLE_MARK
-"""File with the number of durable bytes."""
 _DURABLE_BYTES = 1 << 24  # maximum to be sent again after a crash
 
 
@@ -26,21 +21,18 @@ class Piece:
 
     def __init__(
         self,
-        folder: Path,
         data: FileIO,
         offset: int,
         length: int,
         checksum: tuple[Algorithm, bytes] | None,
-        now: Callable[[], float],
+        keep: Callable[[FileIO, int, int], None],
         check_space: Callable[[], None],
     ) -> None:
         self._check_space, self._space_checked_at = check_space, offset
-        self._folder, self._data, self._length, self._checksum, self._now = folder, data, length, checksum, now
+        self._data, self._length, self._checksum, self._keep = data, length, checksum, keep
         self._begin = self._end = self._durable = offset
         self._hash = hashlib.new(checksum[0]) if checksum is not None else None
         self._finished = False
-        data.truncate(offset)
-        data.seek(offset)
 
     def write(self, chunk: bytes) -> None:
         """Writes bytes of the piece.
@@ -73,7 +65,13 @@ class Piece:
             raise disk_error(error, "upload") from error
 
     def finish(self) -> None:
-        """Makes the complete piece durable; raises `ChecksumMismatchError` or `ResourceError`."""
+        """Makes the complete piece durable.
+
+        Raises:
+            ChecksumMismatchError: its bytes are not those that were announced.
+            OffsetConflictError: those of another server came first.
+            ResourceError: the disk is full.
+        """
         if self._hash is not None and not self._fits(self._hash.digest()):
             raise ChecksumMismatchError(
                 "the piece is not what its checksum says",
@@ -93,7 +91,7 @@ class Piece:
         try:
             if not self._finished and self._hash is None:
                 self._commit()
-        except OSError:
+        except (OSError, FastSplatError):
             pass  # not acknowledged
         finally:
             self._data.close()
@@ -102,19 +100,5 @@ class Piece:
         return self._checksum is not None and hmac.compare_digest(digest, self._checksum[1])
 
     def _commit(self) -> None:
-        os.fsync(self._data.fileno())
-        with (self._folder / OFFSET).open("r+") as file:  # in place: 20 bytes of one sector change atomically
-            file.write(digits(self._end))
-            file.flush()
-            os.fsync(file.fileno())
-        mark_activity(self._folder, self._now())
+        self._keep(self._data, self._durable, self._end)
         self._durable = self._end
-
-
-def mark_activity(folder: Path, now: float) -> None:
-    """Sets the start of an upload's age, independent of the wall clock."""
-    os.utime(folder / OFFSET, (now, now))
-
-
-def digits(offset: int) -> str:
-    return f"{offset:020d}"

@@ -92,8 +92,10 @@ class UploadSession(AbstractContextManager["UploadSession"]):
         self._bytes += size
         self._digests[name] = digest
 
-    def adopt(self, name: str, source: Path) -> int:
-        """Hard-links an immutable file of the same disk; returns its bytes, raises as `write`."""
+    def adopt(self, name: str, source: Path | Iterator[bytes]) -> int:
+        """Hard-links an immutable file of the same disk, or writes bytes; returns their number, raises as `write`."""
+        if not isinstance(source, Path):
+            return self.write(name, source)
         self._check_open()
         name, path = self._place(name)
         try:

@@ -1,10 +1,10 @@
 """Folders of the data directory, with writes that survive a power cut.
 
-uploads/<upload id>     uploaded files, until the job has succeeded; kept longer if it failed or was cancelled
+uploads/<upload id>     uploaded files, until the job has succeeded; kept longer if it failed or was cancelled;
+                        or the one file `data` that comes in pieces, whose bytes behind its row's offset do not count
 jobs/<run id>           stage results and checkpoints of a running job, and progress files in progress/
 scenes/<id>/<version>   finished artefacts, never changed
 logs/                   stderr of the trainers
-locks/<scene id>        held while a scene is edited
 trash/                  being removed; in trash/scenes/<scene id>.<second> scenes that lost their rows
 .identity               see `service.store.rows.identity`
 
@@ -19,25 +19,22 @@ import os
 import shutil
 import time
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 
-from fastsplat.service.common.call_scheduling import wait_elsewhere
 from fastsplat.service.common.files import atomic_file, publish_directory, sync_directory, sync_tree
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
 from fastsplat.service.store.blobs.file_digests import check_files, write_digests
-from fastsplat_contract.errors import ResourceError
+from fastsplat_contract.errors import NotFoundError, ResourceError, UploadLockedError
 
 PARTIAL_EXPIRY_S = 24 * 3600.0
 """Interrupted copies to and from the object store are removed after this time."""
 
-RESUMABLE_MARK = "offset"
-"""File of an unfinished resumable upload; its modification time, by `ActivityClock`, gives the age."""
-
-_LOCK_POLL_S = 0.02
 _IDENTITY = ".identity"
+_DATA = "data"
 
 
 @dataclass(frozen=True)
@@ -112,6 +109,54 @@ class Blobs:
         folder = self.root / kind
         return tuple(sorted(path.name for path in folder.iterdir())) if folder.is_dir() else ()
 
+    def clock(self, wall: Callable[[], float] = time.time) -> Callable[[], float]:
+        """The clock by which resumable uploads expire, in seconds since 1970."""
+        return ActivityClock(self.root, wall).now
+
+    def begin_data(self, upload_id: str) -> None:
+        """Makes the empty file of a resumable upload; durable."""
+        folder = self.upload(upload_id)
+        folder.mkdir(parents=True)
+        with (folder / _DATA).open("x") as file:
+            os.fsync(file.fileno())
+        sync_directory(folder)
+        sync_directory(folder.parent)
+
+    def open_data(self, upload_id: str, offset: int) -> FileIO:
+        """Opens a resumable upload's file to append at `offset`, locked until it is closed.
+
+        Raises:
+            NotFoundError: the file is gone.
+            UploadLockedError: another piece is being written.
+        """
+        try:
+            data = (self.upload(upload_id) / _DATA).open("r+b", buffering=0)
+        except OSError:
+            raise no_data(upload_id) from None
+        try:
+            fcntl.flock(data, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            data.close()
+            raise UploadLockedError(
+                "another piece of this upload is coming in",
+                field="upload",
+                hint="Wait until it has ended, ask for the offset, then go on.",
+            ) from None
+        data.seek(offset)
+        return data
+
+    def keep_data(self, upload_id: str, data: FileIO, begin: int, end: int) -> tuple[str, ...]:
+        """Makes bytes of an opened file durable; returns the names of their objects in an object store."""
+        os.fsync(data.fileno())
+        return ()
+
+    def read_data(self, upload_id: str, pieces: Sequence[str]) -> Path | Iterator[bytes]:
+        """Returns the path, or reads the objects, of a complete file; raises `NotFoundError` if it is gone."""
+        path = self.upload(upload_id) / _DATA
+        if not path.is_file():
+            raise no_data(upload_id)
+        return path
+
     def keep_upload(self, upload_id: str) -> None:
         """Makes a complete upload durable and visible to workers everywhere."""
         folder = self.upload(upload_id)
@@ -126,11 +171,9 @@ class Blobs:
         self._discard(self.upload(upload_id))
 
     def upload_age(self, upload_id: str) -> float:
-        """Seconds since an upload, or a resumable one's last piece, changed; 0 while being written."""
+        """Seconds since an upload changed; 0 while being written."""
         folder = self.upload(upload_id)
         try:
-            if (mark := folder / RESUMABLE_MARK).exists():
-                return ActivityClock(self.root).now() - mark.stat().st_mtime
             if _is_locked(folder):
                 return 0.0
             return time.time() - max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
@@ -178,30 +221,9 @@ class Blobs:
         """Moves a version to the trash at `now`, in seconds since 1970."""
         self._trash(("scenes", scene_id, version), trash_name(f"{scene_id}.{version}", now))
 
-    @contextmanager
-    def exclusive(self, scene_id: str) -> Iterator[None]:
-        """Holds the scene's lock on this machine; to be entered before any change.
-
-        A waiting call gives up its thread if it can be repeated.
-
-        Raises:
-            CancelledError, DeadlineExceededError, CallAgainError: as `wait_elsewhere`.
-        """
-        path = self._folder("locks", scene_id)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("ab") as file:
-            while True:
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    break
-                except BlockingIOError:
-                    wait_elsewhere(_LOCK_POLL_S)
-            yield
-
     def drop_scene(self, scene_id: str) -> None:
         """Removes all versions of a scene; readers of open files are not disturbed."""
         self._discard(self._folder("scenes", scene_id))
-        remove(self._folder("locks", scene_id))
 
     def trash_scene(self, scene_id: str, now: float) -> None:
         """Moves all versions of a scene to the trash at `now`, in seconds since 1970."""
@@ -244,6 +266,11 @@ class Blobs:
             if not name or name.startswith(".") or "/" in name or "\\" in name or "\0" in name:
                 raise ValueError(f"not an id: {name!r}")
         return self.root.joinpath(*names)
+
+
+def no_data(upload_id: str) -> NotFoundError:
+    """Makes the error for a resumable upload whose bytes are gone."""
+    return NotFoundError(f"no upload {upload_id!r}", field="upload", hint="Its file is gone: start anew.")
 
 
 def trash_name(name: str, now: float) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, delete, exists, insert, select, update
+from sqlalchemy import Connection, Engine, delete, exists, insert, select, update
 
 from fastsplat.service.store.queue.claims import (
     LONGEST_PAUSE_S,
@@ -39,7 +39,7 @@ from fastsplat.service.store.repositories.version_repository import (
 )
 from fastsplat.service.store.rows.damaged_rows import each_readable
 from fastsplat.service.store.rows.records import NewJob, OperationRecord, SceneSummary
-from fastsplat.service.store.rows.schema import attempts, operations, scene_versions, scenes
+from fastsplat.service.store.rows.schema import attempts, operations, resumable_uploads, scene_versions, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError
 from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter
 
@@ -55,6 +55,11 @@ class JobRepository(JobQueue):
 
     Methods that take a claim, except `release`, raise `FencedError` if it is not the newest or its operation is over.
     """
+
+    def __init__(self, engine: Engine, now: Callable[[], float] = time.time) -> None:
+        """With the clock by which resumable uploads expire."""
+        super().__init__(engine)
+        self._now = now
 
     def release(self, claim: Claim, pause_s: float | None = None) -> None:
         """Gives an unfinished job back; does nothing if fenced.
@@ -216,7 +221,7 @@ class JobRepository(JobQueue):
         return frozenset(run_ids) - live_runs
 
     def delete_ended(self, before: float) -> None:
-        """Deletes operations without a scene that ended before a time, in seconds since 1970."""
+        """Deletes operations without a scene that ended before a time (seconds since 1970), and expired uploads."""
         unneeded = select(operations.c.id).where(
             operations.c.updated_at < before,
             operations.c.state.in_(FINAL_STATES),
@@ -225,9 +230,10 @@ class JobRepository(JobQueue):
         with self._writing() as connection:
             for column in (attempts.c.operation_id, operations.c.id):
                 connection.execute(delete(column.table).where(column.in_(unneeded)))
+            connection.execute(delete(resumable_uploads).where(resumable_uploads.c.expires_at < self._now()))
 
     def uploads(self, ended_since: float) -> tuple[frozenset[str], frozenset[str]]:
-        """Returns the uploads that operations need, and those that they no longer need.
+        """Returns the uploads that operations need or that are still coming in, and those no longer needed.
 
         Failed or cancelled operations need theirs for a retry if they ended after `ended_since` (seconds since 1970)
         and their scene still exists.
@@ -238,7 +244,9 @@ class JobRepository(JobQueue):
         )
         with self._reading() as connection:
             stored = connection.execute(query).all()
-        needed = frozenset(
+            coming = select(resumable_uploads.c.id).where(resumable_uploads.c.expires_at >= self._now())
+            unfinished = frozenset(connection.scalars(coming))
+        needed = unfinished | frozenset(
             row.upload_id
             for row in stored
             if row.state in _UNFINISHED

@@ -1,15 +1,20 @@
-"""Worker processes and their heartbeats."""
+"""Worker processes and their heartbeats, and leases of what processes on all machines share."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 
 from sqlalchemy import delete, func, insert, select, update
 
+from fastsplat.service.common.call_scheduling import wait_elsewhere
 from fastsplat.service.store.rows.database import Repository, upsert
 from fastsplat.service.store.rows.records import WorkerRecord
 from fastsplat.service.store.rows.schema import leases, workers
+from fastsplat_contract.errors import DatabaseError
+
+_LEASE_POLL_S = 0.02
 
 
 class WorkerRepository(Repository):
@@ -42,11 +47,36 @@ class WorkerRepository(Repository):
 
     def take_lease(self, name: str, seconds: float) -> bool:
         """Leases a piece of work that all workers share; False while somebody has it."""
+        return self._lease(name, seconds) is not None
+
+    @contextmanager
+    def exclusive(self, name: str, seconds: float) -> Iterator[None]:
+        """Leases something for the block, waiting for it; if that takes longer than `seconds`, the next goes on.
+
+        A waiting call gives up its thread if it can be repeated.
+
+        Raises:
+            CancelledError, DeadlineExceededError, CallAgainError: as `wait_elsewhere`.
+        """
+        while (until := self._lease(name, seconds)) is None:
+            wait_elsewhere(_LEASE_POLL_S)
+        try:
+            yield
+        finally:
+            with suppress(DatabaseError), self._writing() as connection:
+                connection.execute(delete(leases).where(leases.c.name == name, leases.c.until == until))
+
+    def _lease(self, name: str, seconds: float) -> float | None:
+        """End of a lease in seconds since 1970; None while somebody has it."""
         now = time.time()
         # One that lasts for much longer is of a machine whose clock is ahead.
-        over = ~leases.c.until.between(now, now + 2 * seconds)
+        held = leases.c.until.between(now, now + 2 * seconds)
+        with self._reading() as connection:  # who waits does not take the write lock
+            if connection.scalar(select(leases.c.name).where(leases.c.name == name, held)) is not None:
+                return None
         with self._writing() as connection:
-            return upsert(connection, {leases.c.name: name, leases.c.until: now + seconds}, over)
+            row = {leases.c.name: name, leases.c.until: now + seconds}
+            return now + seconds if upsert(connection, row, ~held) else None
 
     def unregister(self, executor_id: str) -> None:
         """Removes a worker without jobs; if it still lives, its next heartbeat registers it again."""

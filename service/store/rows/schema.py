@@ -197,6 +197,20 @@ quota_usage = Table(
     Column("bytes", BigInteger, nullable=False),
 )
 
+resumable_uploads = Table(
+    "resumable_uploads",
+    metadata,
+    Column("id", String(40), primary_key=True),
+    _project(),
+    Column("key_id", String(16), nullable=False),
+    Column("name", String(4096), nullable=False),
+    Column("length", BigInteger, nullable=False),
+    Column("metadata", String(4096), nullable=False),
+    Column("expires_at", Double, nullable=False),
+    Column("offset", BigInteger, nullable=False),
+    Column("pieces", JSON, nullable=False),
+)
+
 chosen_models = Table(
     "chosen_models",
     metadata,

@@ -150,7 +150,7 @@ def test_an_edit_that_waits_for_another_one_has_no_thread(
     async def main() -> tuple[str, SceneVersion]:
         threads = Threads(LimitSettings(threads=1))
         try:
-            with service._store.blobs.exclusive(fresh_id):
+            with service._store.workers.exclusive(f"edit {fresh_id}", 30.0):
                 waiting = asyncio.ensure_future(threads.call(lambda: service.versions.edit(fresh_id, [edit])))
                 answers = [await threads.call(lambda: "answered") for _ in range(10) if not await asyncio.sleep(0.02)]
                 assert not waiting.done()
