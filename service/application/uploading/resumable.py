@@ -213,8 +213,8 @@ class ResumableUploads:
         return self._now() + self._lifetime_s
 
     def _drop(self, upload_id: str) -> None:
-        self._rows.remove(upload_id)
         self._blobs.drop_upload(upload_id)
+        self._rows.remove(upload_id)
 
 
 def _elsewhere(offset: int, end: int) -> OffsetConflictError:
