@@ -1,25 +1,31 @@
 """How jobs a day grow with workers: `python -m benchmarks.workers`, writes benchmarks/results/workers.json.
 
 Measured: seconds of a PostgreSQL server's processors that real workers with their default intervals take, while they
-wait, while each trains (a stage that sleeps), and for a job as such (stages that do nothing). Seconds of whole jobs are
-those of benchmarks/results/default_path.json, on two cores each. From these, up to 100 workers are simulated, see
-`simulation`. What more workers than were measured cost the database beside their own turns is not known.
+wait, while each trains (a stage that sleeps), and for a job as such (stages that do nothing); and what calls take with
+many scenes stored, see `stored`. Seconds and bytes of whole jobs are those of benchmarks/results/default_path.json, on
+two cores each. From these, up to 100 workers are simulated, see `simulation`, and days of up to 1,000 nodes beside a
+million scenes, see `day`. What more workers than were measured cost the database beside their own turns is not known.
 """
 
 from __future__ import annotations
 
 import json
-import os
+import statistics
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from benchmarks.provenance import NOT_CHOSEN, RESULTS, ROOT, begin, parser_of, write_results
+from benchmarks.workers.database_seconds import cpu_seconds
+from benchmarks.workers.day import Stored, Supposed, day
 from benchmarks.workers.simulation import Costs, simulate
+from benchmarks.workers.stored import stored_seconds
 from fastsplat.service.common.setting_groups import settings_of
+from fastsplat.service.library.sample import sample_folder
 from fastsplat.service.settings import JobSettings
 from fastsplat_contract.jobs.operations import Operation
 from tests.postgres import PostgresServer
@@ -27,7 +33,7 @@ from tests.workers.deployment import Deployment
 
 _WORKERS = (1, 2, 5, 10, 20, 50, 100)
 _DATABASE_CORES = 2
-_CLOCK = os.sysconf("SC_CLK_TCK")
+_NODES = (1, 10, 100, 1_000)
 
 
 def main() -> None:
@@ -36,6 +42,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=3, help="real ones")
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
     parser.add_argument("--jobs", type=int, default=20, help="that do nothing")
+    parser.add_argument("--stored", type=int, default=1_000_000, help="scenes that are stored")
     options = parser.parse_args()
     start = begin()
     waiting, running, job_s = measure(options.workers, options.seconds, options.jobs)
@@ -46,8 +53,30 @@ def main() -> None:
     simulated = [{"workers": workers, **asdict(simulate(workers, costs))} for workers in _WORKERS]
     for row in simulated:
         print(row, flush=True)
+    calls = stored_seconds(options.stored)
+    beside = replace(costs, job_s=job_s + calls["post"].database, cleaning_s=calls["minute"].database)
+    stored = Stored(
+        options.stored,
+        _objects(),
+        statistics.mean(row["bytes"] for row in rows.values() if "bytes" in row),
+        (calls["minute"].database, calls["minute"].caller),
+        (calls["hour"].database, calls["hour"].caller),
+        max(_served("a cold scene of 1M Gaussians")["seconds"]),
+    )
+    days = [asdict(day(nodes, beside, stored)) for nodes in _NODES]
+    for row in days:
+        print(row, flush=True)
     measured = {"waiting": waiting, "running": running, "job": job_s}
-    document = {"database_cpu_s": measured, "jobs": jobs, "costs": asdict(costs), "rows": simulated}
+    document = {
+        "database_cpu_s": measured,
+        "jobs": jobs,
+        "costs": asdict(costs),
+        "rows": simulated,
+        "calls": {name: asdict(seconds) for name, seconds in calls.items()},
+        "stored": asdict(stored),
+        "supposed": asdict(Supposed()),
+        "nodes": days,
+    }
     write_results("workers", start, options, NOT_CHOSEN, document)
     print(RESULTS / "workers.json")
 
@@ -84,19 +113,20 @@ def measure(workers: int, seconds: float, jobs: int) -> tuple[float, float, floa
     return waiting, running, max(once, 0.0)
 
 
+def _objects() -> int:
+    """Objects that a store holds of the sample scene: its files and a manifest."""
+    with sample_folder() as folder:
+        (version,) = folder.glob("scenes/*/*")
+        return 1 + sum(path.is_file() for path in version.rglob("*"))
+
+
+def _served(phase: str) -> Mapping[str, Any]:
+    rows = json.loads((ROOT / "benchmarks/results/serve.json").read_text())["rows"]
+    return next(row for row in rows if row["phase"] == phase)
+
+
 def _wait(deployment: Deployment, posted: Sequence[Operation]) -> None:
     deployment.wait_for(lambda: {deployment.state(operation) for operation in posted} == {"SUCCEEDED"}, 1200.0)
-
-
-def cpu_seconds(server: PostgresServer) -> float:
-    """Seconds of processors that all processes of a server took so far."""
-    assert server._process is not None
-    main_id = server._process.pid
-    children = Path(f"/proc/{main_id}/task/{main_id}/children").read_text().split()
-    fields = [Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split() for pid in (str(main_id), *children)]
-    # utime and stime of each; of the first also what its children took that have ended (proc(5)).
-    ticks = sum(int(field) for stat in fields for field in stat[11:13]) + sum(map(int, fields[0][13:15]))
-    return ticks / _CLOCK
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 _DAY_S = 86_400.0
+_CLEANING, _CLEANING_EVERY_S = -2.0, 60.0
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Costs:
         job_s: of a database's core, for what a job asks once: to be claimed, its stages, its end.
         every_s: seconds between two looks of a worker.
         cores: of the database.
+        cleaning_s: of a database's core, for what one worker a minute asks to clean up for all.
     """
 
     jobs_s: Sequence[float]
@@ -32,6 +34,7 @@ class Costs:
     job_s: float
     every_s: float
     cores: int
+    cleaning_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -65,9 +68,10 @@ def simulate(workers: int, costs: Costs, *, hours: float = 24.0, seed: int = 0) 
     rng, end = random.Random(seed), hours * 3600.0
     free = [0.0] * costs.cores  # when each core of the database is
     done, busy, longest = 0, 0.0, 0.0
-    # (moment, number of the event, seconds of a job that begins then or 0 for a turn, worker)
+    # (moment, number of the event, seconds of the job that ends then; 0 for a turn, below for a first job or cleaning)
     events = [(rng.uniform(0, costs.every_s), number, 0.0) for number in range(workers)]
     events += [(rng.uniform(0, costs.every_s), workers + number, -1.0) for number in range(workers)]
+    events.append((_CLEANING_EVERY_S, 2 * workers, _CLEANING))
     heapq.heapify(events)
     number = 2 * workers
 
@@ -86,6 +90,10 @@ def simulate(workers: int, costs: Costs, *, hours: float = 24.0, seed: int = 0) 
             over = served(at, costs.turn_s)
             longest = max(longest, over - at)
             heapq.heappush(events, (max(at + costs.every_s, over), number, 0.0))
+            continue
+        if job_s == _CLEANING:
+            over = served(at, costs.cleaning_s)
+            heapq.heappush(events, (max(at + _CLEANING_EVERY_S, over), number, _CLEANING))
             continue
         done += job_s > 0
         begun = served(at, costs.job_s)

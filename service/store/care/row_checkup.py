@@ -40,9 +40,10 @@ _POINTING = (
     (scenes, "operation_id", operations), (scenes, "project", projects), (attempts, "operation_id", operations),
     (operations, "project", projects), (operations, "scene_id", scenes),
     (scene_versions, "scene_id", scenes), (known_names, "scene_id", scenes), (scene_photos, "scene_id", scenes),
+    (quota_usage, "scene_id", scenes),
     (api_keys, "project", projects), (api_keys, "operation_id", operations), (api_keys, "scene_id", scenes),
 )  # fmt: skip
-"""References to other tables; not of `quota_usage`, whose stale rows the next scene removes."""
+"""References to other tables."""
 
 
 def check_rows(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, delete, func, insert, select, text
+from sqlalchemy import Connection, func, insert, select, text
 
 from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.schema import operations, quota_usage, scenes
@@ -37,7 +37,6 @@ def reserve(connection: Connection, project: str, scene_id: str, size: int) -> U
     if connection.dialect.name == "postgresql":
         name = {"space": _LOCK_SPACE, "project": project}
         connection.execute(text("SELECT pg_advisory_xact_lock(:space, hashtext(:project))"), name)
-    connection.execute(delete(quota_usage).where(quota_usage.c.scene_id.not_in(select(scenes.c.id))))
     connection.execute(insert(quota_usage).values(scene_id=scene_id, bytes=size))
     return _usage(connection, project)
 

@@ -29,7 +29,7 @@ from fastsplat.service.store.rows.codec import options_to_json
 from fastsplat.service.store.rows.damaged_rows import are_objects, first_readable, is_name, require
 from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
-from fastsplat.service.store.rows.schema import QUEUED, operations, scene_photos, scene_versions, scenes
+from fastsplat.service.store.rows.schema import QUEUED, operations, quota_usage, scene_photos, scene_versions, scenes
 from fastsplat_contract.errors import ArtefactError, ConflictError, NotFoundError, NotReadyError
 from fastsplat_contract.jobs.operations import OperationKind, OperationState, SceneOptions
 from fastsplat_contract.messages.scenes import SceneState
@@ -229,7 +229,8 @@ class SceneRepository(Repository):
                 _stop(connection, stopped)
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
                 raise no_scene(scene_id)
-            connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
+            for column in (scene_versions.c.scene_id, quota_usage.c.scene_id):
+                connection.execute(delete(column.table).where(column == scene_id))
             forget_names(connection, scene_id)
             _forget_photos(connection, scene_id)
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
