@@ -35,7 +35,7 @@ _PAUSE_S = 1.0
 """Seconds after which an incomplete batch is written."""
 _STALL_S = 60.0
 _CLOSE_S = 30.0
-_CLOSERS = 2
+_CLOSERS = _FINISHES = 2
 
 
 class Sink(Protocol[_Item, _Result]):
@@ -60,13 +60,13 @@ NewSink = Callable[[], Sink[_T, _R]]
 
 
 class UploadReceiver:
-    """Receiver of all uploads of a process; at most `finishes` are completed at a time."""
+    """Receiver of all uploads of a process; two are validated at a time, of different projects."""
 
-    def __init__(self, limits: LimitSettings, settings: UploadSettings, finishes: int) -> None:
+    def __init__(self, limits: LimitSettings, settings: UploadSettings) -> None:
         self._limits = limits
         self._settings = settings
         self._writers = FairPool(max(4, os.cpu_count() or 1), "upload")
-        self._finishers = FairPool(finishes, "finish")
+        self._finishers = FairPool(_FINISHES, "finish")
         self._closers = ThreadPoolExecutor(_CLOSERS, thread_name_prefix="close")
         self._changed = threading.Condition()
         self._count = 0

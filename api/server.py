@@ -24,7 +24,6 @@ from fastsplat.api.rest.app import create_app
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import tls_of
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.application.uploading.validation_slots import CONCURRENT_VALIDATIONS
 from fastsplat.service.jobs.needed_models import log_missing_models
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ResourceError
@@ -97,7 +96,7 @@ async def serve(
         metrics.watch_jobs(admin.metrics)
     gate = build_gate(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)
-    threads = Threads(settings.limits, metrics, settings.uploads, CONCURRENT_VALIDATIONS)
+    threads = Threads(settings.limits, metrics, settings.uploads)
     async with AsyncExitStack() as opened:
         opened.push_async_callback(asyncio.to_thread, threads.close)
         listeners = _listen(settings.host, settings.http_port)

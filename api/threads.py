@@ -35,13 +35,11 @@ class Threads:
         limits: LimitSettings | None = None,
         metrics: Metrics | None = None,
         uploads: UploadSettings | None = None,
-        validations: int = 1,
     ) -> None:
-        """Prepares the pools; uploads have two threads for each concurrent validation."""
         self._limits = limits or LimitSettings()
         threads = self._limits.threads or max(4, 2 * (os.cpu_count() or 1))
         self._calls = FairPool(threads, "call", self._limits.niceness)
-        self._uploads = UploadReceiver(self._limits, uploads or UploadSettings(), max(2, 2 * validations))
+        self._uploads = UploadReceiver(self._limits, uploads or UploadSettings())
         self._metrics = metrics or Metrics()
 
     def answer(self, function: Callable[[], _R], background: bool = False) -> Awaitable[_R]:

@@ -44,7 +44,6 @@ from fastsplat.service.application.jobs.stored import labels_of, left_out_to_jso
 from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.sample_copies import copy_sample
 from fastsplat.service.application.uploading.uploads import UploadSession
-from fastsplat.service.application.uploading.validation_slots import ValidationSlots
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.common.cache import LeastRecentlyUsed
@@ -84,7 +83,6 @@ class SceneService(AbstractContextManager["SceneService"]):
 
     def __init__(self, store: Store, settings: Settings, admit: Admit | None = None) -> None:
         self._check_files = admit or admit_upload
-        self._validating = ValidationSlots()
         self._queue = QueueTimes(store, settings.jobs.stalled_worker_timeout_s)
         self.estimates = JobEstimates(settings)
         memory, mine = MemoryBudget(settings.calls, machine_bytes()), store.in_project(DEFAULT_PROJECT)
@@ -185,11 +183,10 @@ class SceneService(AbstractContextManager["SceneService"]):
             if earlier is not None:
                 remove(upload.folder)
                 return self.jobs.operation(earlier)
-            with self._validating.taken(self.project):
-                validated = self._check_files(upload.raw, self._context.settings.capture, options.strict)
-                upload.check_names(validated.source, validated.has_labels)
-                settings = self._context.settings_in_use
-                check_labels(options, validated, settings)
+            validated = self._check_files(upload.raw, self._context.settings.capture, options.strict)
+            upload.check_names(validated.source, validated.has_labels)
+            settings = self._context.settings_in_use
+            check_labels(options, validated, settings)
             check_models(settings, given_labels=validated.has_labels, named=bool(options.labels))
             check_splat_options(validated, options)
             predicted = self.estimates.predicted(validated, options)

@@ -1,4 +1,4 @@
-"""Connections that do nothing are closed; a validation ends with its caller, and has its share for each key."""
+"""Connections that do nothing are closed; a validation ends with its caller."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ import httpx
 import pytest
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.application.uploading.validation_slots import ValidationSlots
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
-from fastsplat.service.common.cancellation import Cancellation, cancellable, check_cancelled
+from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import LimitSettings, Settings
-from fastsplat_contract.errors import CancelledError
 from tests.api.served import Faces, served
 from tests.waiting import wait_for, with_growing_limit
 
@@ -68,30 +66,3 @@ def test_a_validation_ends_when_its_client_leaves(api_settings: Settings, tmp_pa
         assert stopped.wait(60)
         uploads = settings.data_dir / "uploads"
         wait_for(lambda: not list(uploads.iterdir()))  # until the thread has removed what came
-
-
-def test_one_owner_leaves_a_place_for_another() -> None:
-    slots = ValidationSlots(2)
-    waiting, cancellation = threading.Event(), Cancellation()
-    outcome: list[BaseException | str] = []
-
-    def second() -> None:
-        with cancellable(cancellation):
-            waiting.set()
-            try:
-                with slots.taken("a"):
-                    outcome.append("taken")
-            except CancelledError as error:
-                outcome.append(error)
-
-    with slots.taken("a"):
-        thread = threading.Thread(target=second)
-        thread.start()
-        assert waiting.wait(30)
-        with slots.taken("b"):
-            assert not outcome
-        cancellation.cancel()
-        thread.join(30)
-    assert isinstance(outcome[0], CancelledError)
-    with slots.taken("a"):
-        pass

@@ -53,7 +53,7 @@ class _Sink:
 
 
 def _receiver(all_uploads: int = 8) -> UploadReceiver:
-    return UploadReceiver(LimitSettings(all_uploads=all_uploads), UploadSettings(), 2)
+    return UploadReceiver(LimitSettings(all_uploads=all_uploads), UploadSettings())
 
 
 async def _stream(data: bytes, rng: random.Random) -> AsyncIterator[bytes]:
