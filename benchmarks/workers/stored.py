@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqlalchemy import Connection, Table, select, text
+from sqlalchemy import Connection, Table, make_url, select, text
 
 from benchmarks.workers.database_seconds import cpu_seconds
 from fastsplat.service.store.repositories.quota_usage import reserve
@@ -44,10 +44,16 @@ def stored_seconds(count: int) -> dict[str, Seconds]:
         tempfile.TemporaryDirectory() as folder,
         closing(PostgresServer()) as server,
         server.database() as url,
-        closing(open_store(Path(folder), url)) as store,
+        closing(open_store(Path(folder), _one_process(url))) as store,
     ):
         _fill(store, count)
         return {name: _mean(server, call) for name, call in _calls(store).items()}
+
+
+def _one_process(url: str) -> str:
+    """A URL by which each query has one process: several share memory that containers bound."""
+    one = make_url(url).update_query_dict({"options": "-c max_parallel_workers_per_gather=0"})
+    return one.render_as_string(hide_password=False)
 
 
 def _fill(store: Store, count: int) -> None:

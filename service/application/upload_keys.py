@@ -6,7 +6,7 @@ from typing import Any
 
 from fastsplat.service.application.jobs.estimates import JobEstimates
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
+from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat_contract.errors import PermissionDeniedError
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
@@ -23,7 +23,7 @@ class OneUpload:
         raise PermissionDeniedError("a key for one upload does no more than that", field="authorization")
 
     def new_upload(self) -> UploadSession:
-        """As `SceneService.new_upload`, extending an unused key to a day after its creation."""
+        """As `SceneService.new_upload`, extending an unused key to a day; raises `ConflictError` for a used one."""
         self._service.keys.begin_upload(self._key_id)
         return self._service.new_upload()
 
@@ -32,10 +32,10 @@ class OneUpload:
         return self._service.create_scene(upload, name, request_id, options, upload_key=self._key_id)
 
     @property
-    def resumable(self) -> _OwnUploads:
-        """As `SceneService.resumable`, restricted to the key's own uploads."""
-        uploads = self._service.resumable.of_key(self._key_id, self._service.max_entries)
-        return _OwnUploads(self._service, self._key_id, uploads)
+    def resumable(self) -> ResumableUploads:
+        """As `SceneService.resumable`, restricted to the key's own; `create` raises as `new_upload`."""
+        service = self._service
+        return service.resumable.of_key(self._key_id, service.max_entries, service.keys.begin_upload)
 
     def get_operation(self, operation_id: str) -> Operation:
         """The key's own operation; raises `NotFoundError` for any other."""
@@ -48,18 +48,3 @@ class OneUpload:
 
     def status(self, *caller: Any) -> Any:
         return self._service.status(*caller)
-
-
-class _OwnUploads:
-    """Resumable uploads of a key; each new one begins the key's upload."""
-
-    def __init__(self, service: SceneService, key_id: str, uploads: ResumableUploads) -> None:
-        self._service, self._key_id, self._uploads = service, key_id, uploads
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._uploads, name)
-
-    def create(self, project: str, name: str, length: int, metadata: str = "") -> Resumable:
-        """As `ResumableUploads.create`; raises `ConflictError` if the key was used before."""
-        self._service.keys.begin_upload(self._key_id)
-        return self._uploads.create(project, name, length, metadata)

@@ -52,7 +52,7 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_pat
     async def create_upload(request: Request) -> Response:
         """Announce a file by Upload-Length and Upload-Metadata (`filename`); its first bytes may come along."""
         project, length, metadata = caller_project(), _number(request, "Upload-Length"), _metadata(request)
-        uploads = _uploads(service)
+        uploads = service.resumable
         with_bytes = "content-type" in request.headers and request.headers.get("content-length") != "0"
         if with_bytes:
             _check_type(request)
@@ -67,7 +67,7 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_pat
     @_spoken
     async def get_upload(request: Request, upload_id: str) -> Response:
         """How far an upload has come: Upload-Offset of Upload-Length bytes."""
-        project, uploads = caller_project(), _uploads(service)
+        project, uploads = caller_project(), service.resumable
         upload = await threads.call(lambda: uploads.get(project, upload_id))
         more = {"Upload-Metadata": upload.metadata} if upload.metadata else {}
         return _response(200, upload, **{"Upload-Length": str(upload.length), "Cache-Control": "no-store"}, **more)
@@ -78,22 +78,18 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_pat
         """The bytes from Upload-Offset on; what the answer's Upload-Offset counts is durable."""
         _check_type(request)
         project, offset, checksum = caller_project(), _number(request, "Upload-Offset"), _checksum(request)
-        sink = partial(_PieceSink, _uploads(service), project, upload_id, offset, checksum)
+        sink = partial(_PieceSink, service.resumable, project, upload_id, offset, checksum)
         return _response(204, await threads.receive(aiter(request.stream()), sink, size=len))
 
     @router.delete("/{upload_id}", status_code=204, response_class=Response)
     @_spoken
     async def delete_upload(request: Request, upload_id: str) -> Response:
         """Forget an upload."""
-        project, uploads = caller_project(), _uploads(service)
+        project, uploads = caller_project(), service.resumable
         await threads.call(lambda: uploads.delete(project, upload_id))
         return Response(status_code=204, headers={"Tus-Resumable": _VERSION})
 
     return router
-
-
-def _uploads(service: SceneService) -> ResumableUploads:
-    return service.resumable
 
 
 class _PieceSink:

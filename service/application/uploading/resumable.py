@@ -58,6 +58,7 @@ class ResumableUploads:
 
     _key = ""
     _max_files = 0
+    _begin: Callable[[str], object] = staticmethod(lambda key: None)
 
     def __init__(
         self,
@@ -75,13 +76,13 @@ class ResumableUploads:
         self.max_bytes = max_bytes
         self._lifetime_s = lifetime_s
 
-    def of_key(self, key_id: str, max_files: int) -> ResumableUploads:
+    def of_key(self, key_id: str, max_files: int, begin: Callable[[str], object]) -> ResumableUploads:
         """Uploads of one upload key, at most `max_files`, hiding all others.
 
-        Together they have at most `max_bytes`, and at most one is incomplete.
+        Together they have at most `max_bytes`, and at most one is incomplete; `begin` may refuse the key in `create`.
         """
         clone = copy.copy(self)
-        clone._key, clone._max_files = key_id, max_files
+        clone._key, clone._max_files, clone._begin = key_id, max_files, begin
         return clone
 
     def create(self, project: str, name: str, length: int, metadata: str = "") -> Resumable:
@@ -94,6 +95,7 @@ class ResumableUploads:
             QuotaError: the project is full.
             ResourceError: too little disk space.
         """
+        self._begin(self._key)
         safe_parts(name)
         if length < 0:
             raise InvalidInputError(f"a length of {length} bytes", field="Upload-Length")

@@ -100,7 +100,7 @@ async def test_what_is_refused_is_closed_before_it_is_told_and_its_place_is_free
 @on_a_loop
 async def test_uploads_that_the_transport_holds_in_memory_are_bounded_by_their_sum() -> None:
     limits = LimitSettings(all_uploads=8, upload_memory_bytes=2**24)
-    receiver = UploadReceiver(limits, UploadSettings(), 2)
+    receiver = UploadReceiver(limits, UploadSettings())
     sinks = [_Sink(), _Sink()]
     tasks = [
         asyncio.create_task(receiver.receive(_silent(), sink.open, size=len, memory_bytes=2**23)) for sink in sinks

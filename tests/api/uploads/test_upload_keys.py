@@ -206,7 +206,7 @@ def test_it_owns_its_own_upload_and_no_other(place: _Place) -> None:
     too_much = create(second, place.settings.capture.max_upload_bytes), create(second, 1)
     assert [answer.status_code for answer in too_much] == [201, 413]
     limited = place.settings.capture.model_copy(update={"max_entries": 1})
-    key_uploads = place.service.resumable.of_key("some key", limited.max_entries)
+    key_uploads = place.service.resumable.of_key("some key", limited.max_entries, print)
     key_uploads.create(place.project, "empty.jpg", 0)
     with pytest.raises(LimitExceededError):
         key_uploads.create(place.project, "another.jpg", 0)
