@@ -25,14 +25,14 @@ class Supposed:
         request_s: seconds of one request that lists names.
         names: in one answer.
         bytes_s: bytes a second between the store and all machines.
-        asked: share of the stored scenes that is opened in a day, beside each new one.
+        opened: share of the stored scenes that is opened in a day, beside each new one.
         servers: of the API, of two cores each.
     """
 
     request_s: float = 0.1
     names: int = 1_000
     bytes_s: float = 1.25e9
-    asked: float = 0.01
+    opened: float = 0.01
     servers: int = 2
 
 
@@ -77,7 +77,7 @@ def day(nodes: int, costs: Costs, stored: Stored, supposed: Supposed = Supposed(
     """A day of nodes with one worker each, beside the scenes that are stored already."""
     queue = simulate(nodes, costs, hours=min(24.0, _NODE_HOURS / nodes))
     new = queue.jobs_a_day
-    opened = new + supposed.asked * stored.scenes
+    opened = new + supposed.opened * stored.scenes
     moved = (3 * new + opened) * stored.scene_bytes  # photos in and out to the worker, scenes in and out to servers
     names, objects = stored.scenes, stored.scenes * stored.objects
 

@@ -43,7 +43,7 @@ def test_one_worker_cleans_up_for_all() -> None:
 def test_a_part_is_asked_for_its_share_and_the_fullest_bends_first() -> None:
     costs = replace(_COSTS, turn_s=0.001, job_s=0.1, cleaning_s=1.0)
     stored = Stored(100_000, 40.0, 8e6, minute_s=(1.0, 2.0), hour_s=(5.0, 10.0), opening_s=1.5)
-    supposed = Supposed(request_s=0.2, names=1_000, bytes_s=1e9, asked=0.02, servers=3)
+    supposed = Supposed(request_s=0.2, names=1_000, bytes_s=1e9, opened=0.02, servers=3)
     few, many = day(1, costs, stored, supposed), day(300, costs, stored, supposed)
     new = few.queue.jobs_a_day
     assert few.shares["cleaning"] == many.shares["cleaning"] == pytest.approx((100 * 0.2 + 3.0) / 60)
