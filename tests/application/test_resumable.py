@@ -17,10 +17,10 @@ from unittest.mock import Mock
 
 import pytest
 
-from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
+from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES
 from fastsplat.service.store.artefact_settings import ArtefactSettings
-from fastsplat.service.store.repositories.upload_repository import UploadRepository
+from fastsplat.service.store.repositories.upload_repository import UploadRecord, UploadRepository
 from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import (
     ArtefactError,
@@ -72,8 +72,8 @@ def _until(data: bytes, cut: int, rng: random.Random) -> Iterator[bytes]:
         raise _CutError
 
 
-def _append(uploads: ResumableUploads, upload_id: str, at: int, chunks: Iterable[bytes], *checksum: Any) -> Resumable:
-    with closing(uploads.begin_piece("k", upload_id, at, *checksum)) as piece:
+def _append(uploads: ResumableUploads, upload_id: str, at: int, chunks: Iterable[bytes], *sums: Any) -> UploadRecord:
+    with closing(uploads.begin_piece("k", upload_id, at, *sums)) as piece:
         for chunk in chunks:
             piece.write(chunk)
         piece.finish()

@@ -18,8 +18,9 @@ from fastsplat.api.rest.problem_answers import problem_response
 from fastsplat.api.rest.responses import PROBLEMS
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
+from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.upload_piece import ALGORITHMS, Algorithm
+from fastsplat.service.store.repositories.upload_repository import UploadRecord
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, TusVersionError, UnsupportedMediaTypeError
 
 _VERSION = "1.0.0"
@@ -111,7 +112,7 @@ class _PieceSink:
     def write(self, items: Sequence[bytes]) -> None:
         self._piece.write(b"".join(items))
 
-    def finish(self) -> Resumable:
+    def finish(self) -> UploadRecord:
         self._piece.finish()
         self._piece.close()
         return self._uploads.get(self._project, self._upload_id)
@@ -143,7 +144,7 @@ def _spoken(handler: _Handler) -> _Handler:
     return spoken
 
 
-def _response(status: int, upload: Resumable, **headers: str) -> Response:
+def _response(status: int, upload: UploadRecord, **headers: str) -> Response:
     common = {
         "Tus-Resumable": _VERSION,
         "Upload-Offset": str(upload.offset),

@@ -11,7 +11,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from io import FileIO
 from pathlib import Path
@@ -31,26 +31,6 @@ from fastsplat_contract.errors import (
     NotFoundError,
     OffsetConflictError,
 )
-
-
-@dataclass(frozen=True)
-class Resumable:
-    """One upload.
-
-    Attributes:
-        name: of the file in the capture, e.g. "capture.zip" or "images/0001.jpg".
-        length: announced bytes.
-        offset: durable bytes.
-        metadata: as sent by the client.
-        expires_at: seconds since 1970, UTC; extended by every piece.
-    """
-
-    id: str
-    name: str
-    length: int
-    offset: int
-    metadata: str
-    expires_at: float
 
 
 class ResumableUploads:
@@ -85,7 +65,7 @@ class ResumableUploads:
         clone._key, clone._max_files, clone._begin = key_id, max_files, begin
         return clone
 
-    def create(self, project: str, name: str, length: int, metadata: str = "") -> Resumable:
+    def create(self, project: str, name: str, length: int, metadata: str = "") -> UploadRecord:
         """Announces a file of `length` bytes; durable on return.
 
         Raises:
@@ -119,11 +99,11 @@ class ResumableUploads:
             with suppress(FastSplatError):  # what stays expires
                 self._drop(record.id)
             raise
-        return self._state(record)
+        return self._by_wall(record)
 
-    def get(self, project: str, upload_id: str) -> Resumable:
+    def get(self, project: str, upload_id: str) -> UploadRecord:
         """State of an upload; raises `NotFoundError` if unknown, of another project, or expired."""
-        return self._state(self._find(project, upload_id))
+        return self._by_wall(self._find(project, upload_id))
 
     def begin_piece(
         self, project: str, upload_id: str, offset: int, checksum: tuple[Algorithm, bytes] | None = None
@@ -207,9 +187,9 @@ class ResumableUploads:
             raise NotFoundError(f"no upload {upload_id[:80]!r}", field="upload", hint=hint)
         return record
 
-    def _state(self, record: UploadRecord) -> Resumable:
-        expires_at = self._wall() + record.expires_at - self._now()
-        return Resumable(record.id, record.name, record.length, record.offset, record.metadata, expires_at)
+    def _by_wall(self, record: UploadRecord) -> UploadRecord:
+        """A record whose expiry is by the wall clock, for the sender."""
+        return replace(record, expires_at=self._wall() + record.expires_at - self._now())
 
     def _expiry(self) -> float:
         return self._now() + self._lifetime_s
