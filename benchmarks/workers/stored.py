@@ -44,16 +44,16 @@ def stored_seconds(count: int) -> dict[str, Seconds]:
         tempfile.TemporaryDirectory() as folder,
         closing(PostgresServer()) as server,
         server.database() as url,
-        closing(open_store(Path(folder), _one_process(url))) as store,
+        closing(open_store(Path(folder), _without_parallel_queries(url))) as store,
     ):
         _fill(store, count)
         return {name: _mean(server, call) for name, call in _calls(store).items()}
 
 
-def _one_process(url: str) -> str:
+def _without_parallel_queries(url: str) -> str:
     """A URL by which each query has one process: several share memory that containers bound."""
-    one = make_url(url).update_query_dict({"options": "-c max_parallel_workers_per_gather=0"})
-    return one.render_as_string(hide_password=False)
+    serial = make_url(url).update_query_dict({"options": "-c max_parallel_workers_per_gather=0"})
+    return serial.render_as_string(hide_password=False)
 
 
 def _fill(store: Store, count: int) -> None:
@@ -108,8 +108,8 @@ def _calls(store: Store) -> dict[str, Callable[[], object]]:
 
 def _mean(server: PostgresServer, call: Callable[[], object]) -> Seconds:
     call()
-    asked, before, times = time.process_time(), cpu_seconds(server), 0
-    while times < _MOST_TIMES and time.process_time() - asked + cpu_seconds(server) - before < _LEAST_S:
+    caller, before, times = time.process_time(), cpu_seconds(server), 0
+    while times < _MOST_TIMES and time.process_time() - caller + cpu_seconds(server) - before < _LEAST_S:
         call()
         times += 1
-    return Seconds((cpu_seconds(server) - before) / times, (time.process_time() - asked) / times)
+    return Seconds((cpu_seconds(server) - before) / times, (time.process_time() - caller) / times)
