@@ -101,9 +101,9 @@ def cluster(postgres: PostgresServer, s3: str, tmp_path_factory: pytest.TempPath
         ours = settings("here"), settings("there")
         with pytest.MonkeyPatch.context() as patch:
 
-            def started(own: Settings) -> ServerProcess:
-                patch.setenv("HOME", str(own.data_dir.parent))
-                return opened.enter_context(server_process(own))
+            def started(of: Settings) -> ServerProcess:
+                patch.setenv("HOME", str(of.data_dir.parent))
+                return opened.enter_context(server_process(of))
 
             yield _Cluster((started(ours[0]), started(ours[1])), machine, ours)
 
@@ -191,6 +191,6 @@ def test_pieces_reach_the_servers_in_turn_and_are_one_capture(cluster: _Cluster,
         assert {client.operation(operation.id).state for _ in range(4)} == {"QUEUED"}
     folder = cluster.machine._store.blobs.fetch_upload(record.upload_id)
     assert len(list(folder.rglob("*.jpg"))) == 3
-    left = [list(own.data_dir.glob("uploads/*")) for own in cluster.settings]
+    left = [list(settings.data_dir.glob("uploads/*")) for settings in cluster.settings]
     assert left == [[], []]  # nothing of it stays on a server
     cluster.machine.delete_scene(operation.scene_id)
