@@ -21,6 +21,7 @@ class OptionalPackage:
 ASSISTANT = OptionalPackage("mcp", frozenset({"mcp", "mcp_types"}), "assistant")
 LZFSE = OptionalPackage("lzfse", frozenset({"lzfse"}), "phones")
 MCAP = OptionalPackage("foxglove-sdk", frozenset({"foxglove"}), "robots")
+RAY = OptionalPackage("ray", frozenset({"ray"}), "cluster")
 
 
 @contextmanager

@@ -196,10 +196,29 @@ def test_what_can_be_looked_at_is_seen_everywhere_and_goes_with_its_job(
     assert there.read_progress_file("job", "preview-1-3.jpg") is None
     here.drop_progress_file("job", "preview-1-1.jpg")
     assert there.read_progress_file("job", "preview-1-1.jpg") is None
+    result = _version_folder(here.job("job") / "capture")
+    here.keep_result("job", "capture", 2)
+    assert there.fetch_result("job", "capture", 2) and _content(there.job("job") / "capture") == _content(result)
+    assert not there.fetch_result("job", "capture", 1)
     assert set(there.ids("jobs")) == {"job", "job.1"}
     there.drop_job("job")  # another machine's cleanup, e.g.
     assert here.read_progress_file("job", "preview-1-2.jpg") is None
+    assert not here.fetch_result("job", "capture", 2)
     assert here.read_progress_file("job.1", "preview-1-1.jpg") == b"job.1 preview-1-1.jpg"
     here.drop_job("job.1")
     here.drop_job("job")
     assert _objects(here) == [] and here.ids("jobs") == ()
+
+
+@pytest.mark.parametrize("remove", [lambda blobs: blobs.drop_log("job"), lambda blobs: blobs.remove_old_logs(-1.0)])
+def test_a_log_is_read_everywhere_as_it_was_last_kept(here, there, remove) -> None:
+    here.keep_log("job")
+    assert there.read_log("job", 10) is None
+    here.log("job").parent.mkdir(parents=True)
+    for text in (b"first", b"first, second"):
+        here.log("job").write_bytes(text)
+        here.keep_log("job")
+        assert there.read_log("job", 10) == text[-10:]
+    remove(there)
+    assert there.read_log("job", 10) is None and _objects(here) == []
+    assert here.read_log("job", 10) == b"st, second"  # its own file

@@ -47,11 +47,14 @@ if PARENT_VARIABLE in os.environ:
 from fastsplat.cli.operating.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.kinds.job_kinds import KINDS
+from fastsplat.workers.engine.launchers import open_launcher
 from fastsplat.workers.engine.worker import run
 if {elsewhere}:
     fastsplat.workers.engine.heartbeat.machine_id = lambda: "another machine"
 log_to_stderr("worker")
-run(load_settings(), {{name: replace(kind, run="fake_stages:FAKES") for name, kind in KINDS.items()}})
+settings = load_settings()
+kinds = {{name: replace(kind, run="fake_stages:FAKES") for name, kind in KINDS.items()}}
+run(settings, kinds, open_launcher(settings.jobs))
 """
 _API = """
 import sys

@@ -61,8 +61,12 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             os.kill(os.getppid(), signal.SIGKILL)
             time.sleep(600)  # dies with its worker; without this the stage could be over before
         elif name == "environment":
-            names = ("CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS", "FASTSPLAT_DATABASE_URL", "AWS_SECRET_ACCESS_KEY")
-            values: dict[str, object] = {name: os.environ.get(name) for name in names}
+            values: dict[str, object] = {
+                name: os.environ.get(name) for name in ("CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS")
+            }
+            values["secrets"] = [
+                name for name in os.environ if name.startswith(("AWS_", "RAY_", "FASTSPLAT_DATABASE_"))
+            ]
             values["niceness"] = os.getpriority(os.PRIO_PROCESS, 0)
             (job.settings.data_dir / f"{job.operation_id}.json").write_text(json.dumps(values))
         elif name == "full":

@@ -1,4 +1,4 @@
-"""Garbage collection: crash leftovers, expired uploads, old logs and rows.
+"""Garbage collection: crash leftovers, expired uploads, old rows.
 
 All functions raise `ConflictError`, having changed nothing, if the database does not belong to the store's files.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterable
-from contextlib import suppress
 
 from fastsplat.service.store.rows.identity import check_identity
 from fastsplat.service.store.store import Store
@@ -27,10 +26,10 @@ logger.addFilter(RepeatFilter(interval_s=3600.0, length=200))
 def remove_unneeded(
     store: Store,
     upload_expiry_s: float,  # of unneeded uploads, since their last change
-    ended_job_retention_s: float,  # of logs, and of operations without a scene
+    ended_job_retention_s: float,  # of operations without a scene
     failed_upload_retention_s: float,  # of uploads of failed and cancelled jobs
 ) -> None:
-    """Deletes work folders of ended jobs, used and expired uploads, old logs and rows."""
+    """Deletes work folders of ended jobs, used and expired uploads, and old rows."""
     check_identity(store.engine, store.blobs)
     # Folders are listed before rows are read, so that newer ones have their row and stay.
     blobs = store.blobs
@@ -43,10 +42,6 @@ def remove_unneeded(
             blobs.drop_upload(upload_id)
     if store.engine.dialect.name == "sqlite":
         store.reserve.fill()
-    for path in (blobs.root / "logs").glob("*.log"):
-        with suppress(FileNotFoundError):  # another worker removed it first
-            if time.time() - path.stat().st_mtime > ended_job_retention_s:
-                path.unlink()
     store.jobs.delete_ended(time.time() - ended_job_retention_s)
 
 

@@ -48,7 +48,7 @@ def run_logged(name: str, task: Callable[[], None]) -> bool:
     try:
         task()
         return True
-    except (DatabaseError, ObjectStoreError, ConflictError, DBAPIError) as error:
+    except (DatabaseError, ObjectStoreError, ConflictError, DBAPIError, ConnectionError) as error:
         logger.warning("%s: %s", name, getattr(error, "message", type(error).__name__))
     except Exception as error:
         logger.exception("%s failed with %s", name, type(error).__name__)

@@ -44,6 +44,7 @@ _TRIES = 5
 """Publication attempts while the scene is edited concurrently."""
 _DONE = "done"  # message of a complete stage's row
 _FURTHEST = "furthest"  # row key of the largest fraction reported by any attempt
+_STORED = "stored"  # row key of the attempt whose result of the stage is stored for workers elsewhere
 _ADVANCE = 0.01
 """Progress beyond the furthest attempt that counts; less may be report timing."""
 
@@ -79,6 +80,8 @@ class Supervisor:
             FencedError: another worker has claimed the job.
             ReturnedError: the job was returned.
         """
+        self._job.fetch_results(self._progress.stored)
+        self._job.drop_originals()  # or they would be looked for
         error = self.start_limit_error()
         outcome = DONE if error is None else failed(error)
         if self._job.claim.attempt == 1 or not self._job.is_published():
@@ -91,6 +94,7 @@ class Supervisor:
         if outcome == CANCELLED:
             self._job.cancel()
         elif outcome.error is not None:
+            self._job.keep_log()
             self._job.fail(outcome.error)
         logger.info("job %s %s", self._job.id, outcome.state)
         self._job.clean_up(outcome)
@@ -142,6 +146,10 @@ class Supervisor:
                     self._job.publish_draft(entry)
                 else:
                     self._job.publish_file(kind, entry)
+            if isinstance(event, Done) and event.stage not in (*self._progress.stored, self._kind.stages[-1]):
+                self._progress.note_stored(event.stage, self._job.keep_result(event.stage))
+            if isinstance(event, Done) or files:
+                self._job.keep_log()
             requests = self._requests(report=isinstance(event, Done) or bool(files), completed=completed)
             if "cancel" in requests:
                 return CANCELLED
@@ -188,6 +196,7 @@ class Supervisor:
         """Returns the final outcome, or raises `ReturnedError` after returning the job for a later claim."""
         status = trainer.status()
         self.kill()
+        self._job.keep_log()
         self._note_completed_stages(starts=1)
         limit, starts = self._settings.jobs.max_starts, self._job.starts
         logger.warning("job %s: the trainer died in %s: %s", self._job.id, stage, status)
@@ -218,22 +227,16 @@ class Supervisor:
         """Polls requests; writes progress if due. A `completed` stage or progress resets the start count."""
         completed = completed or (self._progress.advanced and self._job.starts > 1)
         jobs, now = self._settings.jobs, time.monotonic()
-        if report or now - self._written_at >= jobs.progress_interval_s:
-            self._written_at = self._checked_at = now
-            self._job.note_edits()
-            return self._job.report(self._progress.rows, starts=1 if completed else None) | self._taken_back()
-        if now - self._checked_at < jobs.poll_interval_s:
+        report = report or now - self._written_at >= jobs.progress_interval_s
+        if not report and now - self._checked_at < jobs.poll_interval_s:
             return frozenset()
-        self._checked_at = now
+        self._checked_at, self._written_at = now, now if report else self._written_at
         self._job.note_edits()
-        return self._job.poll_requests() | self._taken_back()
+        requests = self._job.requests(self._progress.rows if report else None, 1 if completed else None)
+        return requests if self._may_ask() else frozenset(("cancel",))  # the project withdrew its consent
 
     def _may_ask(self) -> bool:
         return not self._kind.asks_captioner or self._job.may_ask_captioner()
-
-    def _taken_back(self) -> frozenset[JobRequest]:
-        """Cancels if the project withdrew its consent to the captioner."""
-        return frozenset() if self._may_ask() else frozenset(("cancel",))
 
     def _succeed(self) -> JobOutcome:
         """Publishes the result; redoes the last stage if the scene was edited meanwhile."""
@@ -277,6 +280,14 @@ class _StageRows:
     def rows(self) -> Sequence[Mapping[str, Any]]:
         return [self._rows[stage] for stage in self._stages if stage in self._rows]
 
+    @property
+    def stored(self) -> Mapping[str, int]:
+        """Attempts whose results of stages, in order, are stored."""
+        return {row["stage"]: row[_STORED] for row in self.rows if row.get(_STORED)}
+
+    def note_stored(self, stage: str, attempt: int) -> None:
+        self._row(stage)[_STORED] = attempt
+
     def is_complete(self, stage: str) -> bool:
         return bool(self._rows.get(stage, {}).get("message") == _DONE)
 
@@ -293,6 +304,8 @@ class _StageRows:
             if event.seconds:
                 row["seconds"] = event.seconds
             return new
+        for stage in self._stages[self._stages.index(event.stage) :]:  # what is made again, and all that follows it
+            self._rows.get(stage, {}).pop(_STORED, None)
         now = time.monotonic()
         seconds = now - self._started.setdefault(event.stage, now)
         row.update(fraction=event.fraction, message=event.message, seconds=seconds)
@@ -384,10 +397,10 @@ class TrainerProcess:
 
 def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
-    # A trainer reads untrusted data, and needs no database or object store. The job carries the captioner's settings.
+    # A trainer reads untrusted data, and needs no database, store or cluster. The job carries the captioner's settings.
     secrets = tuple(environment_variable(Settings, name) for name in ("database_url", "database_password", "captioner"))
     for name in list(environment):
-        if name.startswith((*secrets, "AWS_")):
+        if name.startswith((*secrets, "AWS_", "RAY_")):
             del environment[name]
     if job.settings.jobs.threads_per_job:
         environment["OMP_NUM_THREADS"] = str(job.settings.jobs.threads_per_job)

@@ -1,4 +1,4 @@
-"""A process's worker: claims and runs jobs one by one, and does periodic maintenance.
+"""A process's worker: has waiting jobs run by its launcher, and does periodic maintenance.
 
 The database is the queue: attempt, owner, starts and outcome of a job; a stage is done when its folder exists. A worker
 in an unexpected state exits: the only recovery is by another worker or a restart.
@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn, Protocol
 
 from fastsplat.service.common.process import machine_bytes
 from fastsplat.service.common.setting_groups import ModelChoice
@@ -65,14 +65,30 @@ class Worker:
         self.heartbeats = Heartbeats(self.store, self.executor_id, self.settings.jobs.stalled_worker_timeout_s)
 
 
-def start(worker: Worker) -> None:
-    """Starts the worker's threads and returns."""
+class Launcher(Protocol):
+    """Starts waiting jobs where there is room, in this process or elsewhere; called at each poll.
+
+    Where a job runs, a `Worker` claims it once it has what the job needs, and a `Supervisor` has the trainer as a child
+    process, by the settings of that machine. All else crosses machines through the store: claims, progress, requests
+    and results of photos in rows; uploads, drafts, progress files, finished stages, versions and logs in `Blobs`.
+    """
+
+    def __call__(self, worker: Worker) -> None: ...
+
+
+def open_worker(settings: Settings, kinds: Mapping[OperationKind, JobKind]) -> Worker:
+    """Opens the store for a new worker; raises as `open_store`."""
+    return Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, kinds)
+
+
+def start(worker: Worker, launcher: Launcher) -> None:
+    """Registers the worker, starts its threads and returns."""
     jobs, heartbeats = worker.settings.jobs, worker.heartbeats
     # Before any write: a suspended worker may hold the lock it would wait for.
     _repeat(worker, "kill suspended workers", heartbeats.kill_suspended, jobs.heartbeat_interval_s)
     heartbeats.update()
     _repeat(worker, "update heartbeat", heartbeats.update, jobs.heartbeat_interval_s)
-    _repeat(worker, "run jobs", partial(_run_waiting, worker), jobs.poll_interval_s)
+    _repeat(worker, "run jobs", partial(launcher, worker), jobs.poll_interval_s)
     _repeat(worker, "prune stalled workers", heartbeats.prune_stalled, jobs.stalled_worker_timeout_s / 2)
     _repeat(worker, "cleanup", partial(_clean_up, worker), _CLEANUP_INTERVAL_S)
 
@@ -86,14 +102,20 @@ def stop(worker: Worker, patience_s: float = 15.0) -> None:
     worker.store.workers.mark_stopped(worker.executor_id)
 
 
-def _run_waiting(worker: Worker) -> None:
-    while not worker.stopping.is_set():
-        models = worker.store.models.chosen(), partial(_can_use, worker)
-        gpus, memory = _gpus(worker.settings), machine_bytes()
-        claim = worker.store.jobs.claim_next(worker.executor_id, *models, gpus=gpus, memory=memory)
-        if claim is None:
-            return
+def run_here(worker: Worker) -> None:
+    """The launcher that runs jobs in this process, one by one."""
+    while not worker.stopping.is_set() and run_next(worker):
+        pass
+
+
+def run_next(worker: Worker, operation_id: str = "") -> bool:
+    """Runs the first job in turn, or the one of an id, to its end; False if no worker like this may claim it now."""
+    models, queue = worker.store.models.chosen(), worker.store.jobs
+    offer: Mapping[str, Any] = {"gpus": _gpus(worker.settings), "memory": machine_bytes(), "only": operation_id}
+    claim = queue.claim_next(worker.executor_id, models, partial(_can_use, worker), **offer)
+    if claim is not None:
         _run(worker, claim)
+    return claim is not None
 
 
 def _gpus(settings: Settings) -> int:
@@ -110,7 +132,7 @@ def _can_use(worker: Worker, choice: ModelChoice) -> bool:
 
 
 def _run(worker: Worker, claim: Claim) -> None:
-    """Runs a job to its end, starting at the first missing stage."""
+    """Runs a job to its end, starting at the first missing stage; exits the process if the job was lost."""
     job = claim.operation
     try:
         settings = in_use(worker.settings, job.models)
@@ -146,17 +168,18 @@ def _clean_up(worker: Worker) -> None:
         trash_lost_scenes(store, now)
     if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S + _MARGIN_S):
         store.blobs.remove_partial(PARTIAL_EXPIRY_S)
+        store.blobs.remove_old_logs(settings.jobs.ended_job_retention_s)
         trash_lost_versions(store, min(time.time(), now))
 
 
-def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> None:
-    """Runs jobs until SIGTERM or SIGINT, then returns the running job and exits."""
+def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS, launcher: Launcher = run_here) -> None:
+    """Runs jobs until SIGTERM or SIGINT, then returns the job that runs here and exits."""
     stop_requested = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop_requested.set())
     wait_for_space(settings.data_dir, stop_requested.wait)
-    worker = Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, kinds)
-    start(worker)
+    worker = open_worker(settings, kinds)
+    start(worker, launcher)
     log_missing_models(in_use(settings, worker.store.models.chosen()))
     logger.info("worker %s is ready", worker.executor_id)
     stop_requested.wait()

@@ -31,8 +31,8 @@ from fastsplat.workers.job.made_scenes import (
     read_made,
     write_edited,
 )
-from fastsplat.workers.job.results import PHOTOS, SPARE_SUFFIX
-from fastsplat_contract.errors import ConflictError, DatabaseError, NotFoundError, ObjectStoreError
+from fastsplat.workers.job.results import PHOTOS, SPARE_SUFFIX, finished_by
+from fastsplat_contract.errors import ArtefactError, ConflictError, DatabaseError, NotFoundError, ObjectStoreError
 from fastsplat_contract.jobs.operations import SceneOptions
 
 logger = logging.getLogger(__name__)
@@ -58,15 +58,6 @@ def patient(method: Callable[P, T]) -> Callable[P, T]:
                 time.sleep(_RETRY_S)
 
     return call
-
-
-def at_once(job_id: str, look: Callable[[], frozenset[JobRequest]]) -> frozenset[JobRequest]:
-    """Returns the requests to a job; a database outage only costs progress reports."""
-    try:
-        return look()
-    except DatabaseError as error:
-        logger.warning("job %s: %s; will ask again", job_id, error.message)
-        return frozenset()
 
 
 class ClaimedJob:
@@ -125,9 +116,18 @@ class ClaimedJob:
             raise no_scene(self.scene_id)
         return current, version
 
-    def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> frozenset[JobRequest]:
-        """Writes progress, and `starts` once ahead of earlier attempts; returns known requests without retry."""
-        return at_once(self.id, lambda: self._report(stages, starts))
+    def requests(self, stages: Sequence[Mapping[str, Any]] | None, starts: int | None = None) -> frozenset[JobRequest]:
+        """Returns known requests, without retry: a database outage only costs progress reports.
+
+        Args:
+            stages: progress to write; None writes nothing.
+            starts: new count of starts, once the job is ahead of earlier attempts.
+        """
+        try:
+            return self._jobs.check(self.claim) if stages is None else self._report(stages, starts)
+        except DatabaseError as error:
+            logger.warning("job %s: %s; will ask again", self.id, error.message)
+            return frozenset()
 
     def publish_file(self, kind: str, entry: Mapping[str, Any]) -> None:
         """Publishes a progress file with the next report; keeps the previous one for current readers."""
@@ -178,6 +178,41 @@ class ClaimedJob:
         self._report(stages, starts)
 
     @patient
+    def fetch_results(self, attempts: Mapping[str, int]) -> None:
+        """Brings the stored results of stages here, by the attempts that finished them.
+
+        A work folder that goes on from other results, as of an attempt whose machine was cut off, is deleted before.
+        """
+        places = [(self.folder / stage, stage, attempt) for stage, attempt in attempts.items()]
+        if any(result.is_dir() and finished_by(result) != attempt for result, _, attempt in places):
+            remove(self.folder)
+        for result, stage, attempt in places:
+            try:
+                if not result.is_dir() and not self._blobs.fetch_result(self.run_id, stage, attempt):
+                    return
+            except (ArtefactError, OSError) as error:  # from this one on they are made again
+                logger.warning("job %s: the result of %s cannot be fetched: %s", self.id, stage, error)
+                return
+
+    def keep_result(self, stage: str) -> int:
+        """Stores a stage's result for workers elsewhere, without retry.
+
+        Returns the attempt that finished it; 0 if it is not stored.
+        """
+        attempt = finished_by(self.folder / stage)
+        try:
+            self._blobs.keep_result(self.run_id, stage, attempt)
+        except (ObjectStoreError, OSError) as error:
+            logger.warning("job %s: the result of %s is on this machine alone: %s", self.id, stage, error)
+            return 0
+        return attempt
+
+    def keep_log(self) -> None:
+        """Stores the trainers' log as it is now, without retry."""
+        with suppress(ObjectStoreError):
+            self._blobs.keep_log(self.id)
+
+    @patient
     def drop_originals(self) -> None:
         """Deletes the upload once its photos are read, if privacy was promised."""
         upload_id = self.claim.operation.upload_id
@@ -191,10 +226,6 @@ class ClaimedJob:
         path = self.folder / "capture" / PHOTOS
         if path.is_file():
             self._jobs.record_photos(self.claim, json.loads(path.read_text()))
-
-    def poll_requests(self) -> frozenset[JobRequest]:
-        """Returns known requests, without retry."""
-        return at_once(self.id, lambda: self._jobs.check(self.claim))
 
     @patient
     def is_cancelled(self) -> bool:
@@ -276,8 +307,8 @@ class ClaimedJob:
         """
         with suppress(ObjectStoreError):
             self._blobs.drop_job(self.run_id)
-        if outcome.state != "failed":
-            remove(self.log)
+            if outcome.state != "failed":
+                self._blobs.drop_log(self.id)
         with suppress(DatabaseError, ObjectStoreError):
             deleted = bool(self._jobs.unknown_scenes([self.scene_id]))
             promised = self.options.privacy is not None  # originals then do not outlive the attempt to read them

@@ -83,6 +83,14 @@ def stage_seconds(job: Job, stage: str) -> float:
         return float(json.loads(path.read_text())["seconds"])
 
 
+def finished_by(result: Path) -> int:
+    """Returns the attempt that finished a stage's result; 0 if none did, or its file is damaged."""
+    try:
+        return int(json.loads((result / _TIMES).read_text())["attempt"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0
+
+
 def checkpoint_folder(job: Job) -> Path:
     """Returns this attempt's checkpoint folder, initialized from the newest earlier attempt."""
     # Separate per attempt, because a suspended worker's trainer may resume writing.

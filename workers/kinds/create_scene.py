@@ -143,6 +143,8 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     started = time.monotonic()
     capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
     plan = make_plan(job, capture, len(labelling.dictionary), started)
+    with suppress(FileNotFoundError):  # without a time budget
+        shutil.copy(job.folder / _PLAN, folder)  # for an export on another machine
     known = job_time(job, capture, len(labelling.dictionary), plan.settings)
     report = with_time_left(progress, "training", known)
     files = ProgressFiles(job, "training", with_tradeoffs(report, _tradeoffs(job)))
@@ -244,10 +246,12 @@ def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StageP
 
 def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
     """The plan that the training stage follows or followed; without a time budget that is the job's settings."""
-    if not (job.folder / _PLAN).exists():
+    places = (folder / _PLAN for folder in (job.result("training"), job.folder))
+    path = next((path for path in places if path.exists()), None)
+    if path is None:
         return StagePlan(job.settings.training)
-    with intact(job.folder / _PLAN):
-        stored = json.loads((job.folder / _PLAN).read_text())
+    with intact(path):
+        stored = json.loads(path.read_text())
         return StagePlan(TrainingSettings.model_validate(stored["settings"]), tuple(stored["tradeoffs"]))
 
 

@@ -103,18 +103,16 @@ class RunningJobs:
         return PlacedCameras(PlacedInfo(**info), stored.cameras, stored.points, stored.colors)
 
     def log(self, operation_id: str) -> JobLog:
-        """Last MiB of a job's training log; raises `NotFoundError` without one on this machine."""
-        path = self._context.store.blobs.log(self._context.store.scenes.operation(operation_id).id)
-        try:
-            with path.open("rb") as file:
-                file.seek(max(0, path.stat().st_size - _MAX_LOG))
-                return JobLog(file.read().decode(errors="replace"))
-        except FileNotFoundError:
+        """Last MiB of a job's training log; raises `NotFoundError` without one, or `ObjectStoreError`."""
+        store = self._context.store
+        content = store.blobs.read_log(store.scenes.operation(operation_id).id, _MAX_LOG)
+        if content is None:
             raise NotFoundError(
-                f"job {operation_id} has no log on this machine",
+                f"job {operation_id} has no log",
                 field="operation",
-                hint="Logs are kept on the machine of the worker, of jobs that run or failed, for a while.",
-            ) from None
+                hint="Logs are kept of jobs that run or failed, for a while.",
+            )
+        return JobLog(content.decode(errors="replace"))
 
     def _file(self, operation_id: str, kind: str) -> tuple[Mapping[str, Any], bytes]:
         before = None

@@ -4,7 +4,7 @@ uploads/<upload id>     uploaded files, until the job has succeeded; kept longer
                         or the one file `data` that comes in pieces, whose bytes behind its row's offset do not count
 jobs/<run id>           stage results and checkpoints of a running job, and progress files in progress/
 scenes/<id>/<version>   finished artefacts, never changed
-logs/                   stderr of the trainers
+logs/<operation id>.log stderr of the trainers
 trash/                  being removed; in trash/scenes/<scene id>.<second> scenes that lost their rows
 .identity               see `service.store.rows.identity`
 
@@ -93,12 +93,41 @@ class Blobs:
     def drop_progress_file(self, run_id: str, name: str) -> None:
         remove(self.progress_file(run_id, name))
 
+    def keep_result(self, run_id: str, stage: str, attempt: int) -> None:
+        """Makes the result of a stage, as an attempt finished it, available to workers everywhere."""
+
+    def fetch_result(self, run_id: str, stage: str, attempt: int) -> bool:
+        """Brings what `keep_result` was given to the stage's place, where nothing is; False if it is not stored."""
+        return False
+
     def drop_job(self, run_id: str) -> None:
         remove(self.job(run_id))
 
     def log(self, operation_id: str) -> Path:
-        """Path of the stderr of the job's trainers."""
-        return self._folder("logs", operation_id).with_suffix(".log")
+        """Path on this machine of the stderr of the job's trainers."""
+        return self._folder("logs", f"{operation_id}.log")
+
+    def keep_log(self, operation_id: str) -> None:
+        """Makes a log, as it is now, visible on all machines."""
+
+    def read_log(self, operation_id: str, most: int) -> bytes | None:
+        """Reads the last `most` bytes of a log wherever the job runs; None if it does not exist."""
+        try:
+            with self.log(operation_id).open("rb") as file:
+                file.seek(max(0, os.fstat(file.fileno()).st_size - most))
+                return file.read()
+        except FileNotFoundError:
+            return None
+
+    def drop_log(self, operation_id: str) -> None:
+        remove(self.log(operation_id))
+
+    def remove_old_logs(self, retention_s: float) -> None:
+        """Removes logs that have not changed for so long."""
+        for path in (self.root / "logs").glob("*.log"):
+            with suppress(FileNotFoundError):  # another worker removed it first
+                if time.time() - path.stat().st_mtime > retention_s:
+                    path.unlink()
 
     def version(self, scene_id: str, version: str) -> Path:
         """Folder of a version on this machine: `artefact/`, `scene.ply`, `photos/`, `files.sha256`."""

@@ -9,6 +9,8 @@ then a manifest object with the prefix, files, sizes and digests. The folder exi
     .../manifest.json                 written last
     .../parts-<random>/<file name>    written before
     jobs/<run id>/<file name>         progress files of running jobs, never changed
+    jobs/<run id>/<stage>.<attempt>/...   results of finished stages of running jobs, as folders above
+    logs/<operation id>.log           a log as it was last kept
     trash/<scene id>.<version>.<second>/<version>/...   versions that have no row
     trash/<scene id>.<second>/...     scenes that lost their rows
     identity                          see `service.store.rows.identity`
@@ -154,9 +156,40 @@ class ObjectStoreBlobs(Blobs):
         super().drop_progress_file(run_id, name)
         self._drop(self._key("jobs", run_id, name))
 
+    def keep_result(self, run_id: str, stage: str, attempt: int) -> None:
+        self._put(self.job(run_id) / stage, self._key("jobs", run_id, f"{stage}.{attempt}"))
+
+    def fetch_result(self, run_id: str, stage: str, attempt: int) -> bool:
+        """Overrides `Blobs`; raises `ArtefactError` if the stored files were damaged."""
+        return self._get(self._key("jobs", run_id, f"{stage}.{attempt}"), self.job(run_id) / stage)
+
     def drop_job(self, run_id: str) -> None:
         super().drop_job(run_id)
         self._drop(self._key("jobs", run_id))
+
+    def keep_log(self, operation_id: str) -> None:
+        path = self.log(operation_id)
+        with _store_errors(), suppress(FileNotFoundError):  # no trainer has started
+            self.files.put_file(str(path), self._key("logs", path.name))
+
+    def read_log(self, operation_id: str, most: int) -> bytes | None:
+        with _store_errors():
+            try:
+                content: bytes = self.files.cat_file(self._key("logs", self.log(operation_id).name))
+            except FileNotFoundError:
+                return super().read_log(operation_id, most)
+        return content[-most:]
+
+    def drop_log(self, operation_id: str) -> None:
+        super().drop_log(operation_id)
+        self._drop(self._key("logs", self.log(operation_id).name))
+
+    def remove_old_logs(self, retention_s: float) -> None:
+        super().remove_old_logs(retention_s)
+        with _store_errors():
+            for name, entry in self.files.find(self._key("logs"), detail=True).items():
+                if time.time() - _changed_at(entry) > retention_s:
+                    self._drop(name)
 
     def publish(self, source: Path, scene_id: str, version: str) -> Path:
         """Overrides `Blobs`; a version that is there already stays, and `source` is removed either way."""

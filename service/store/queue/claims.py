@@ -93,14 +93,17 @@ class JobQueue(Repository):
         *,
         gpus: int = 0,
         memory: int = 1 << 62,
+        only: str = "",
     ) -> Claim | None:
         """Claims the first job `in_turn` that is due and needs no more than the worker has, if any.
 
         Jobs begin with `choice`; those begun before keep their models, and are left if the worker cannot use these.
+        With `only`, an operation's id, that job alone is claimed, in turn or not.
         """
         now = time.time()
         due = ~operations.c.run_after.between(now, now + 2 * LONGEST_PAUSE_S)
-        fits = due, operations.c.gpus <= gpus, operations.c.memory <= memory
+        fits = [due, operations.c.gpus <= gpus, operations.c.memory <= memory]
+        fits += [operations.c.id == only] if only else []
         with self._reading() as connection:  # an idle worker takes no lock
             begun = each_readable(connection.execute(select(operations).where(_BEGUN, *fits)).mappings(), as_operation)
             projects = connection.scalars(_PROJECTS_IN_TURN).all()

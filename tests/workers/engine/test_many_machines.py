@@ -72,6 +72,8 @@ def test_one_of_each_goes_and_every_job_is_done_once(postgres: PostgresServer, s
         jobs = [first.post_over_http("training:sleep_once 600", request_id="first")]
         first.wait_for(lambda: is_in("training", jobs[0]))
         jobs.append(first.post_over_http(request_id="second"))
+        rows = first.service._store.scenes.operation
+        first.wait_for(lambda: [row.get("stored") for row in rows(jobs[0]).stages[:2]] == [1, 1])
         kill(worker, server)
         assert [second.post_over_http("training:sleep_once 600", request_id="first")] == jobs[:1]  # sent again
         workers = [machine.start_worker() for machine in (second, third)]
@@ -92,6 +94,8 @@ def test_one_of_each_goes_and_every_job_is_done_once(postgres: PostgresServer, s
         assert [(operation.state, operation.error) for operation in ended] == [("SUCCEEDED", None)] * len(jobs)
         assert all(worker.poll() is None for worker in workers)
         assert all(is_in(stage, job) for stage in STAGES for job in jobs)
+        visits = [[len(machine.visits(stage, ended[0])) for stage in STAGES] for machine in machines]
+        assert sorted(visits) == [[0, 0, 0, 0], [0, 0, 1, 1], [1, 1, 1, 0]]  # finished stages are not made again
         listed = httpx.get(f"{second.http}/v1/scenes", timeout=60).raise_for_status().json()["scenes"]
         assert sorted(scene["id"] for scene in listed) == sorted(operation.scene_id for operation in ended)
         truth = _fetched(first, listed[0])  # a machine without a server, whose folder knew nothing of the scenes

@@ -74,6 +74,10 @@ def test_a_budget_is_planned_once_and_a_later_attempt_trains_with_the_same(tmp_p
     later = _job(tmp_path, options, attempt=2, perception_s=9.0)
     assert make_plan(later, _capture(40), 17, time.monotonic()) == first == stored_plan(later)
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["plan.json", "speed.json"]
+    elsewhere = _job(tmp_path / "elsewhere", options)
+    elsewhere.result("training").mkdir()
+    (tmp_path / "plan.json").rename(elsewhere.result("training") / "plan.json")
+    assert stored_plan(elsewhere) == first  # where the training is all that came
 
 
 def test_the_speed_of_the_machine_is_measured_once_a_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

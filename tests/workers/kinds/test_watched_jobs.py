@@ -1,18 +1,11 @@
-"""Jobs that are watched and ended early, with real processes that die, on SQLite, PostgreSQL and an object store."""
+"""Jobs that are watched and ended early, with real processes that die."""
 
 from __future__ import annotations
 
-import uuid
-from contextlib import closing
-from pathlib import Path
-
-import fsspec
 import pytest
 
-from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat_contract.errors import NotFoundError, NotReadyError
 from fastsplat_contract.jobs.operations import Operation
-from tests.postgres import PostgresServer
 from tests.workers.deployment import Deployment, kill
 
 
@@ -90,21 +83,3 @@ def test_an_early_end_outlives_the_worker_and_its_pictures_count_on(deployment: 
     assert over.state == "SUCCEEDED" and over.attempt == 2 and over.finish_requested
     assert deployment.service.get_scene(operation.scene_id).quality["stopped_early"]
     assert len(deployment.visits("training", operation)) == 2
-
-
-def test_pictures_are_seen_from_machines_that_share_no_folder(
-    postgres: PostgresServer, s3: str, tmp_path: Path
-) -> None:
-    bucket = f"b{uuid.uuid4().hex}"
-    files = fsspec.filesystem("s3", endpoint_url=s3, skip_instance_cache=True, use_listings_cache=False)
-    files.mkdir(bucket)
-    artefacts = ArtefactSettings(url=f"s3://{bucket}/place", endpoint_url=s3)
-    with postgres.database() as url, closing(Deployment(tmp_path / "api", url, artefacts=artefacts)) as deployment:
-        operation = deployment.post("training:until_finish")
-        deployment.start_worker(elsewhere=True, data_dir=tmp_path / "worker")
-        _wait_for_pictures(deployment, operation, 3)
-        assert deployment.service.jobs.preview(operation.id).picture.startswith(b"attempt 1 picture ")
-        assert len(files.find(f"{bucket}/place/jobs")) <= 3
-        deployment.service.jobs.finish(operation.id)
-        assert deployment.wait_over(operation).state == "SUCCEEDED"
-        deployment.wait_for(lambda: not files.find(f"{bucket}/place/jobs"))

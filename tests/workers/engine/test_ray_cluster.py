@@ -1,0 +1,265 @@
+"""Jobs on a Ray cluster of a head and two nodes, processes of this machine that are killed and stopped for real.
+
+The nodes share the database and an object store, and nothing else: each has its own data folder, models and home.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import uuid
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, suppress
+from functools import partial
+from pathlib import Path
+
+import fsspec
+import pytest
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.store.artefact_settings import ArtefactSettings
+from fastsplat_contract.jobs.operations import Operation, SceneOptions
+from release.check_wheels import free_ports
+from tests.postgres import PostgresServer
+from tests.processes import is_alive
+from tests.waiting import wait_for as _wait_for
+from tests.workers.deployment import STAGES, Deployment, kill, wait_over
+
+pytest.importorskip("ray", reason="Ray is not installed: pip install 'fastsplat[cluster]'")
+
+wait_for = partial(_wait_for, patience_s=300.0)  # Ray takes its time
+_RAY = [str(Path(sys.executable).with_name("ray")), "start", "--block", "--disable-usage-stats"]
+_AS_ROOT = [] if os.geteuid() == 0 else ["--map-root-user"]
+_HOST = ["unshare", "--uts", *_AS_ROOT, "sh", "-c", 'hostname "$0" && exec "$@"']  # machines are told apart by it
+_NODES = {"small": 2, "large": 4}  # CPUs, of which a job takes two
+_PATIENT = {"RAY_raylet_start_wait_time_s": "300", "RAY_worker_niceness": "0"}
+_TOKEN = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex * 2}
+
+
+class Cluster:
+    """A head with the API's service and the launcher, and two nodes."""
+
+    def __init__(self, folder: Path, url: str, artefacts: ArtefactSettings, opened: ExitStack) -> None:
+        self.head, *nodes = (
+            opened.enter_context(closing(Deployment(folder / name, url, artefacts=artefacts)))
+            for name in ("head", *_NODES)
+        )
+        self.nodes = dict(zip(_NODES, nodes, strict=True))
+        self._sockets = tempfile.mkdtemp(prefix="ray")  # short, as paths of sockets are
+        opened.callback(shutil.rmtree, self._sockets, ignore_errors=True)
+        self._ray: dict[Deployment, subprocess.Popen[bytes]] = {}
+        opened.callback(self.lose, self.head, *nodes)
+        self.start()
+
+    def start(self) -> None:
+        """Start Ray and the launcher; Ray knows nothing of before."""
+        (port,) = free_ports(1)
+        self._address = f"127.0.0.1:{port}"
+        self._start_ray(self.head, f"--port={port}", "--head", "--num-cpus=0", "--include-dashboard=false")
+        for name in _NODES:
+            self.start_node(name)
+        self.start_launcher()
+
+    def start_node(self, name: str) -> None:
+        number = 2 + [*_NODES].index(name)  # drivers look for the head by its address
+        own = [f"--node-ip-address=127.0.0.{number}", f"--num-cpus={_NODES[name]}", f"--memory={64 << 30}"]
+        self._start_ray(self.nodes[name], f"--address={self._address}", *own)
+
+    def start_again(self, node: Deployment) -> None:
+        """Whatever is left of it."""
+        self.lose(node)
+        self.start_node(next(name for name in _NODES if self.nodes[name] is node))
+
+    def start_launcher(self) -> None:
+        address = {"FASTSPLAT_JOBS__LAUNCHER": "ray", "FASTSPLAT_JOBS__RAY_ADDRESS": self._address}
+        self.launcher = self.head.start_worker(**address, **_TOKEN)
+
+    def _start_ray(self, machine: Deployment, *arguments: str) -> None:
+        home = machine.settings.data_dir.with_name("home")
+        home.mkdir(exist_ok=True)
+        own = [
+            f"--object-store-memory={80 << 20}",
+            f"--temp-dir={self._sockets}/{machine.settings.data_dir.parent.name}",
+        ]
+        command = [*_HOST, machine.settings.data_dir.parent.name, *_RAY, *own, *arguments]
+        self._ray[machine] = machine.start_command(command, HOME=str(home), **_PATIENT, **_TOKEN)
+
+    def processes(self, machine: Deployment) -> list[int]:
+        """Ids of Ray's processes on a machine and of all that they have started; children follow their parents."""
+        found = [self._ray[machine].pid]
+        for pid in found:
+            for threads in Path(f"/proc/{pid}/task").glob("*/children"):
+                found += map(int, threads.read_text().split())
+        return found
+
+    def lose(self, *machines: Deployment) -> None:
+        """kill -9 of all processes of machines, those of Ray, the launcher and jobs among them."""
+        for machine in machines:
+            for pid in self.processes(machine):
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            self._ray[machine].wait()
+        if self.head in machines:
+            kill(self.launcher)
+
+    def visits(self, operation: Operation) -> dict[str, list[int]]:
+        """Attempts that entered each stage of a job, anywhere."""
+        every = {stage: [v for node in self.nodes.values() for v in node.visits(stage, operation)] for stage in STAGES}
+        return {stage: sorted(visit.attempt for visit in visits) for stage, visits in every.items()}
+
+    def where(self, stage: str, operation: Operation) -> tuple[Deployment, int]:
+        """The node on which a job entered a stage last, once it did, and the trainer's process id."""
+        found: list[tuple[int, Deployment, int]] = []
+
+        def look() -> bool:
+            found[:] = [(v.attempt, n, v.pid) for n in self.nodes.values() for v in n.visits(stage, operation)]
+            return bool(found)
+
+        wait_for(look)
+        return max(found, key=lambda visit: visit[0])[1:]
+
+    def wait_stored(self, operation: Operation, stages: int) -> None:
+        """Wait until the results of a job's first stages are with the object store, and the rows say so."""
+        rows = self.head.service._store.scenes.operation
+        wait_for(lambda: sum(bool(row.get("stored")) for row in rows(operation.id).stages) >= stages)
+
+    def tell(self) -> None:
+        """Let go on what waits to be told."""
+        for node in self.nodes.values():
+            (node.settings.data_dir / "told.txt").touch()
+
+
+@pytest.fixture(scope="module")
+def _started(postgres: PostgresServer, s3: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    bucket = f"b{uuid.uuid4().hex}"
+    fsspec.filesystem("s3", endpoint_url=s3, skip_instance_cache=True).mkdir(bucket)
+    with postgres.database() as url, ExitStack() as opened:
+        artefacts = ArtefactSettings(url=f"s3://{bucket}/place", endpoint_url=s3)
+        yield Cluster(tmp_path_factory.mktemp("cluster"), url, artefacts, opened)
+
+
+@pytest.fixture
+def cluster(_started: Cluster) -> Iterator[Cluster]:
+    """The same for all tests, which start again what they have lost; a test leaves no job behind."""
+    for node in _started.nodes.values():
+        (node.settings.data_dir / "told.txt").unlink(missing_ok=True)
+    yield _started
+    wait_for(lambda: _started.head.service._store.blobs.ids("jobs") == ())
+
+
+def _post(service: SceneService, *orders: str) -> Operation:
+    """A job of the service's project."""
+    with service.new_upload() as upload:
+        upload.write("images/a.png", [b"picture"])
+        return service.create_scene(upload, "a place", "", SceneOptions(labels=orders))
+
+
+def _attempts(**by_stage: list[int]) -> dict[str, list[int]]:
+    """Visits of a job whose other stages the first attempt alone entered, once."""
+    return {stage: [1] for stage in STAGES} | by_stage
+
+
+def test_as_many_jobs_run_at_once_as_have_room_and_all_of_them_is_seen_from_the_head(cluster: Cluster) -> None:
+    service = cluster.head.service
+    projects = [service, service.in_project("a"), service.in_project("b")]
+    first = [_post(project, "training:until_told") for project in projects]
+    for job in first:
+        cluster.where("training", job)
+    second = [_post(project, "training:draft", "export:until_told") for project in projects]
+    failing = _post(service, "perception:defect")
+    waiting = {job.id for job in service._store.jobs.in_turn()}
+    assert waiting == {job.id for job in (*second, failing)}  # none is claimed without room
+
+    cluster.tell()
+
+    for project, *jobs in zip(projects, first, second, strict=True):
+        for job in jobs:
+            assert wait_over(project, job).state == "SUCCEEDED" and cluster.visits(job) == _attempts()
+            assert project.get_scene(job.scene_id).state == "READY"
+    assert wait_over(service, failing).state == "FAILED"
+    assert "ZeroDivisionError" in service.jobs.log(failing.id).log
+    assert all(node.visits("capture") for node in cluster.nodes.values())
+
+
+def test_a_job_is_watched_and_ended_early_and_others_are_cancelled_in_any_stage(cluster: Cluster) -> None:
+    service = cluster.head.service
+    watched = cluster.head.post("training:until_finish")
+    cancelled = [cluster.head.post(f"{stage}:sleep 600") for stage in ("capture", "training")]
+    trainers = [cluster.where(stage, job)[1] for stage, job in zip(("capture", "training"), cancelled, strict=True)]
+    cancelled.append(cluster.head.post())  # for which there is no room
+    wait_for(lambda: (preview := service.get_operation(watched.id).preview) is not None and preview.number >= 3)
+    assert service.jobs.preview(watched.id).picture.startswith(b"attempt 1 picture ")
+    for job in reversed(cancelled):
+        service.cancel_operation(job.id)
+        assert wait_over(cluster.head.service, job).state == "CANCELLED"
+    wait_for(lambda: not any(map(is_alive, trainers)))
+    service.jobs.finish(watched.id)
+    assert wait_over(service, watched).state == "SUCCEEDED"
+    assert service.get_scene(watched.scene_id).quality["stopped_early"]
+    after = [cluster.head.post() for _ in range(3)]  # there is room again
+    assert [wait_over(cluster.head.service, job).state for job in after] == ["SUCCEEDED"] * 3
+
+
+def test_the_launcher_dies_and_jobs_go_on_and_none_is_begun_twice(cluster: Cluster) -> None:
+    jobs = [cluster.head.post("training:until_told") for _ in range(4)]  # one more than there is room for
+    for job in jobs[:3]:
+        cluster.where("training", job)
+    kill(cluster.launcher)
+    cluster.tell()
+    for job in jobs[:3]:
+        assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
+    cluster.start_launcher()
+    for job in jobs:
+        assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
+        assert cluster.visits(job) == _attempts()
+
+
+@pytest.mark.parametrize("of_ray_alone", [False, True])
+def test_a_node_is_lost_and_its_job_goes_on_from_the_last_stage_elsewhere(cluster: Cluster, of_ray_alone: bool) -> None:
+    job = cluster.head.post("training:sleep_once 600")
+    node, trainer = cluster.where("training", job)
+    cluster.wait_stored(job, 2)
+    if of_ray_alone:  # whose processes end by themselves, somewhat later
+        for pid in cluster.processes(node):
+            if Path(f"/proc/{pid}/comm").read_text().strip() == "raylet":
+                os.kill(pid, signal.SIGKILL)
+    else:
+        cluster.lose(node)
+    assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
+    assert cluster.visits(job) == _attempts(training=[1, 2], export=[2])
+    wait_for(lambda: not is_alive(trainer))
+    cluster.start_again(node)
+
+
+def test_a_node_stands_still_past_the_limit_and_its_job_is_fenced_when_it_wakes(cluster: Cluster) -> None:
+    job = cluster.head.post("training:sleep_once 600")
+    node, trainer = cluster.where("training", job)
+    cluster.wait_stored(job, 2)
+    still = cluster.processes(node)
+    for pid in still:
+        os.kill(pid, signal.SIGSTOP)
+    assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
+    assert is_alive(trainer)
+    for pid in still:
+        os.kill(pid, signal.SIGCONT)
+    wait_for(lambda: not is_alive(trainer))
+    assert cluster.visits(job) == _attempts(training=[1, 2], export=[2])
+    cluster.start_again(node)
+    after = [cluster.head.post() for _ in range(3)]
+    assert [wait_over(cluster.head.service, job).state for job in after] == ["SUCCEEDED"] * 3
+
+
+def test_ray_starts_anew_and_jobs_go_on_from_the_last_stage(cluster: Cluster) -> None:
+    jobs = [cluster.head.post("training:sleep_once 600") for _ in range(2)]
+    for job in jobs:
+        cluster.where("training", job)
+        cluster.wait_stored(job, 2)
+    cluster.lose(cluster.head, *cluster.nodes.values())
+    cluster.start()
+    for job in jobs:
+        assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
+        assert cluster.visits(job) == _attempts(training=[1, 2], export=[2])
