@@ -1,4 +1,4 @@
-"""Garbage collection: crash leftovers, expired uploads, old rows.
+"""Garbage collection: crash leftovers, expired uploads, old logs and rows.
 
 All functions raise `ConflictError`, having changed nothing, if the database does not belong to the store's files.
 """
@@ -26,10 +26,10 @@ logger.addFilter(RepeatFilter(interval_s=3600.0, length=200))
 def remove_unneeded(
     store: Store,
     upload_expiry_s: float,  # of unneeded uploads, since their last change
-    ended_job_retention_s: float,  # of operations without a scene
+    ended_job_retention_s: float,  # of logs, and of operations without a scene
     failed_upload_retention_s: float,  # of uploads of failed and cancelled jobs
 ) -> None:
-    """Deletes work folders of ended jobs, used and expired uploads, and old rows."""
+    """Deletes work folders of ended jobs, used and expired uploads, old logs and rows."""
     check_identity(store.engine, store.blobs)
     # Folders are listed before rows are read, so that newer ones have their row and stay.
     blobs = store.blobs
@@ -42,6 +42,7 @@ def remove_unneeded(
             blobs.drop_upload(upload_id)
     if store.engine.dialect.name == "sqlite":
         store.reserve.fill()
+    blobs.remove_old_logs(ended_job_retention_s)
     store.jobs.delete_ended(time.time() - ended_job_retention_s)
 
 

@@ -168,7 +168,6 @@ def _clean_up(worker: Worker) -> None:
         trash_lost_scenes(store, now)
     if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S + _MARGIN_S):
         store.blobs.remove_partial(PARTIAL_EXPIRY_S)
-        store.blobs.remove_old_logs(settings.jobs.ended_job_retention_s)
         trash_lost_versions(store, min(time.time(), now))
 
 

@@ -29,8 +29,6 @@ from tests.processes import is_alive
 from tests.waiting import wait_for as _wait_for
 from tests.workers.deployment import STAGES, Deployment, kill, wait_over
 
-pytest.importorskip("ray", reason="Ray is not installed: pip install 'fastsplat[cluster]'")
-
 wait_for = partial(_wait_for, patience_s=300.0)  # Ray takes its time
 _RAY = [str(Path(sys.executable).with_name("ray")), "start", "--block", "--disable-usage-stats"]
 _AS_ROOT = [] if os.geteuid() == 0 else ["--map-root-user"]
