@@ -110,7 +110,7 @@ class JobQueue(Repository):
         usable = [job.id for job in begun if can_use(job.models)]
         places = [_BEGUN & operations.c.id.in_(usable)] if usable else []
         if projects and can_use(choice):  # looked at once, as thousands may wait
-            places += [QUEUED & (operations.c.project == project) for project in projects]
+            places += [QUEUED] if only else [QUEUED & (operations.c.project == project) for project in projects]
         if not places:
             return None
         with self._writing() as connection:
