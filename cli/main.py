@@ -89,12 +89,10 @@ def worker(devices: Devices = "", workers: Workers = 1) -> None:
         log_to_stderr("serve")
         raise typer.Exit(serve(worker_roles(devices, workers, load_settings().jobs.threads_per_job)))
     with loading_modules():
-        from fastsplat.workers.engine.launchers import open_launcher
-        from fastsplat.workers.engine.worker import run
+        from fastsplat.workers.engine.launchers import run
 
     _start("worker")
-    settings = load_settings()
-    run(settings, launcher=open_launcher(settings.jobs))
+    run(load_settings())
 
 
 def main() -> None:

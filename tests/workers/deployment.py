@@ -47,14 +47,11 @@ if PARENT_VARIABLE in os.environ:
 from fastsplat.cli.operating.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.kinds.job_kinds import KINDS
-from fastsplat.workers.engine.launchers import open_launcher
-from fastsplat.workers.engine.worker import run
+from fastsplat.workers.engine.launchers import run
 if {elsewhere}:
     fastsplat.workers.engine.heartbeat.machine_id = lambda: "another machine"
 log_to_stderr("worker")
-settings = load_settings()
-kinds = {{name: replace(kind, run="fake_stages:FAKES") for name, kind in KINDS.items()}}
-run(settings, kinds, open_launcher(settings.jobs))
+run(load_settings(), {{name: replace(kind, run="fake_stages:FAKES") for name, kind in KINDS.items()}})
 """
 _API = """
 import sys
@@ -131,7 +128,7 @@ class Deployment:
             data_dir=folder / "data", models=models, database_url=database_url, jobs=jobs, auth="off", **changes
         )
         self.max_starts = jobs.max_starts
-        self.service: SceneService = open_service(self.settings, _admit)
+        self.service: SceneService = open_service(self.settings, admit)
         self.http = f"http://127.0.0.1:{free_ports(1)[0]}"
         self._processes: list[subprocess.Popen[bytes]] = []
 
@@ -286,7 +283,7 @@ def kill(*processes: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
+def admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
     count = sum(1 for path in folder.rglob("*") if path.is_file())
     return ValidatedUpload(folder, "images", count, has_labels=True)  # labels are orders here
 

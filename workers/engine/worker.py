@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-import signal
 import socket
 import threading
 import time
@@ -22,7 +21,7 @@ from typing import Any, NoReturn, Protocol
 
 from fastsplat.service.common.process import machine_bytes
 from fastsplat.service.common.setting_groups import ModelChoice
-from fastsplat.service.jobs.needed_models import in_use, lacking, log_missing_models
+from fastsplat.service.jobs.needed_models import in_use, lacking
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
 from fastsplat.service.store.blobs.blobs import PARTIAL_EXPIRY_S
@@ -32,7 +31,7 @@ from fastsplat.workers.engine.cleanup import remove_unneeded, trash_lost_scenes,
 from fastsplat.workers.engine.heartbeat import Heartbeats
 from fastsplat.workers.engine.periodic import RepeatFilter, repeat
 from fastsplat.workers.engine.supervisor import ReturnedError, Supervisor
-from fastsplat.workers.kinds.job_kinds import KINDS, JobKind
+from fastsplat.workers.kinds.job_kinds import JobKind
 from fastsplat_contract.jobs.operations import OperationKind
 
 logger = logging.getLogger(__name__)
@@ -169,23 +168,6 @@ def _clean_up(worker: Worker) -> None:
     if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S + _MARGIN_S):
         store.blobs.remove_partial(PARTIAL_EXPIRY_S)
         trash_lost_versions(store, min(time.time(), now))
-
-
-def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS, launcher: Launcher = run_here) -> None:
-    """Runs jobs until SIGTERM or SIGINT, then returns the job that runs here and exits."""
-    stop_requested = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop_requested.set())
-    wait_for_space(settings.data_dir, stop_requested.wait)
-    worker = open_worker(settings, kinds)
-    start(worker, launcher)
-    log_missing_models(in_use(settings, worker.store.models.chosen()))
-    logger.info("worker %s is ready", worker.executor_id)
-    stop_requested.wait()
-    logger.info("worker %s is stopping", worker.executor_id)
-    stop(worker)
-    logging.shutdown()
-    os._exit(0)  # without waiting for threads: none may begin a job any more
 
 
 def wait_for_space(data_dir: Path, pause: Callable[[float], bool]) -> None:

@@ -103,14 +103,16 @@ class JobQueue(Repository):
         now = time.time()
         due = ~operations.c.run_after.between(now, now + 2 * LONGEST_PAUSE_S)
         fits = [due, operations.c.gpus <= gpus, operations.c.memory <= memory]
-        fits += [operations.c.id == only] if only else []
+        if only:
+            fits.append(operations.c.id == only)
         with self._reading() as connection:  # an idle worker takes no lock
             begun = each_readable(connection.execute(select(operations).where(_BEGUN, *fits)).mappings(), as_operation)
             projects = connection.scalars(_PROJECTS_IN_TURN).all()
         usable = [job.id for job in begun if can_use(job.models)]
         places = [_BEGUN & operations.c.id.in_(usable)] if usable else []
         if projects and can_use(choice):  # looked at once, as thousands may wait
-            places += [QUEUED] if only else [QUEUED & (operations.c.project == project) for project in projects]
+            mine = [operations.c.id == only] if only else [operations.c.project == project for project in projects]
+            places += [QUEUED & place for place in mine]
         if not places:
             return None
         with self._writing() as connection:

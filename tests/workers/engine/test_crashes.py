@@ -156,22 +156,6 @@ def test_a_worker_that_is_told_to_stop_gives_its_job_back_and_another_goes_on(de
     assert len(deployment.visits("capture")) == 1
 
 
-@on_both_databases()
-def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment) -> None:
-    operation = deployment.post("training:sleep_once 600", "export:sleep 2")
-    suspended = deployment.start_worker(elsewhere=True)
-    trainer = deployment.wait_in("training", operation)
-    deployment.suspend(suspended)
-    deployment.start_worker()
-    deployment.wait_in("export", operation)
-    deployment.resume(suspended)
-
-    assert suspended.wait(timeout=60) == 75
-    assert not deployment.is_alive(trainer)
-    assert deployment.wait_over(operation).state == "SUCCEEDED"
-    assert len(deployment.visits("training")) == 2 and len(deployment.visits("export")) == 1
-
-
 _SUSPEND_INSIDE = """
 import os, signal, threading, time
 import fastsplat.service.store.queue.job_repository as jobs

@@ -20,20 +20,21 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from fastsplat.service.application.service import SceneService
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from release.check_wheels import free_ports
 from tests.postgres import PostgresServer
 from tests.processes import is_alive
 from tests.waiting import wait_for as _wait_for
-from tests.workers.deployment import STAGES, Deployment, kill, wait_over
+from tests.workers.deployment import STAGES, Deployment, admit, kill, wait_over
 
 wait_for = partial(_wait_for, patience_s=300.0)  # Ray takes its time
 _RAY = [str(Path(sys.executable).with_name("ray")), "start", "--block", "--disable-usage-stats"]
 _AS_ROOT = [] if os.geteuid() == 0 else ["--map-root-user"]
 _HOST = ["unshare", "--uts", *_AS_ROOT, "sh", "-c", 'hostname "$0" && exec "$@"']  # machines are told apart by it
-_NODES = {"small": 2, "large": 4}  # CPUs, of which a job takes two
+_NODES = {"small": 2, "large": 4}  # CPUs, of which a job takes two; the large one has a GPU, too
+_PROJECTS = ("default", "a", "b")
 _PATIENT = {"RAY_raylet_start_wait_time_s": "300", "RAY_worker_niceness": "0"}
 _TOKEN = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex * 2}
 
@@ -47,6 +48,9 @@ class Cluster:
             for name in ("head", *_NODES)
         )
         self.nodes = dict(zip(_NODES, nodes, strict=True))
+        settings = self.head.settings
+        cuda = settings.model_copy(update={"training": settings.training.model_copy(update={"backend": "cuda"})})
+        self.for_gpus = opened.enter_context(closing(open_service(cuda, admit)))
         self._sockets = tempfile.mkdtemp(prefix="ray")  # short, as paths of sockets are
         opened.callback(shutil.rmtree, self._sockets, ignore_errors=True)
         self._ray: dict[Deployment, subprocess.Popen[bytes]] = {}
@@ -65,6 +69,7 @@ class Cluster:
     def start_node(self, name: str) -> None:
         number = 2 + [*_NODES].index(name)  # drivers look for the head by its address
         own = [f"--node-ip-address=127.0.0.{number}", f"--num-cpus={_NODES[name]}", f"--memory={64 << 30}"]
+        own += ["--num-gpus=1"] if name == "large" else []
         self._start_ray(self.nodes[name], f"--address={self._address}", *own)
 
     def start_again(self, node: Deployment) -> None:
@@ -83,8 +88,9 @@ class Cluster:
             f"--object-store-memory={80 << 20}",
             f"--temp-dir={self._sockets}/{machine.settings.data_dir.parent.name}",
         ]
+        backend = {"FASTSPLAT_TRAINING__BACKEND": "cuda"} if "--num-gpus=1" in arguments else {}
         command = [*_HOST, machine.settings.data_dir.parent.name, *_RAY, *own, *arguments]
-        self._ray[machine] = machine.start_command(command, HOME=str(home), **_PATIENT, **_TOKEN)
+        self._ray[machine] = machine.start_command(command, HOME=str(home), **backend, **_PATIENT, **_TOKEN)
 
     def processes(self, machine: Deployment) -> list[int]:
         """Ids of Ray's processes on a machine and of all that they have started; children follow their parents."""
@@ -142,11 +148,15 @@ def _started(postgres: PostgresServer, s3: str, tmp_path_factory: pytest.TempPat
 
 @pytest.fixture
 def cluster(_started: Cluster) -> Iterator[Cluster]:
-    """The same for all tests, which start again what they have lost; a test leaves no job behind."""
+    """The same for all tests, which start again what they have lost; each job ends, and is published once or not."""
     for node in _started.nodes.values():
         (node.settings.data_dir / "told.txt").unlink(missing_ok=True)
     yield _started
-    wait_for(lambda: _started.head.service._store.blobs.ids("jobs") == ())
+    store = _started.head.service._store
+    wait_for(lambda: store.blobs.ids("jobs") == () and not store.jobs.in_turn() and not store.jobs.owners())
+    every = [scene for name in _PROJECTS for scene in store.in_project(name).scenes.list_scenes(1000)]
+    ready = sorted(scene.id for scene in every if scene.state == "READY")
+    wait_for(lambda: sorted(scene for scene, _ in store.blobs.versions()) == ready)
 
 
 def _post(service: SceneService, *orders: str) -> Operation:
@@ -163,14 +173,14 @@ def _attempts(**by_stage: list[int]) -> dict[str, list[int]]:
 
 def test_as_many_jobs_run_at_once_as_have_room_and_all_of_them_is_seen_from_the_head(cluster: Cluster) -> None:
     service = cluster.head.service
-    projects = [service, service.in_project("a"), service.in_project("b")]
+    projects = [service.in_project(name) for name in _PROJECTS]
     first = [_post(project, "training:until_told") for project in projects]
     for job in first:
         cluster.where("training", job)
     second = [_post(project, "training:draft", "export:until_told") for project in projects]
-    failing = _post(service, "perception:defect")
+    failing, *of_gpus = _post(service, "perception:defect"), _post(cluster.for_gpus), _post(cluster.for_gpus)
     waiting = {job.id for job in service._store.jobs.in_turn()}
-    assert waiting == {job.id for job in (*second, failing)}  # none is claimed without room
+    assert waiting == {job.id for job in (*second, failing, *of_gpus)}  # none is claimed without room
 
     cluster.tell()
 
@@ -178,6 +188,9 @@ def test_as_many_jobs_run_at_once_as_have_room_and_all_of_them_is_seen_from_the_
         for job in jobs:
             assert wait_over(project, job).state == "SUCCEEDED" and cluster.visits(job) == _attempts()
             assert project.get_scene(job.scene_id).state == "READY"
+    for job in of_gpus:
+        assert wait_over(service, job).state == "SUCCEEDED" and cluster.visits(job) == _attempts()
+        assert not cluster.nodes["small"].visits("capture", job)
     assert wait_over(service, failing).state == "FAILED"
     assert "ZeroDivisionError" in service.jobs.log(failing.id).log
     assert all(node.visits("capture") for node in cluster.nodes.values())

@@ -180,7 +180,7 @@ _WORKER = """
 from fastsplat.cli.operating.logs import log_to_stderr
 from fastsplat.service.instances.discovery_settings import LookAgainOptions
 from fastsplat.service.settings import load_settings
-from fastsplat.workers.engine.worker import run
+from fastsplat.workers.engine.launchers import run
 log_to_stderr("worker")
 run(load_settings().model_copy(update={"look_again": LookAgainOptions(views=1)}))
 """
