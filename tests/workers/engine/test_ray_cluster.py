@@ -35,7 +35,12 @@ _AS_ROOT = [] if os.geteuid() == 0 else ["--map-root-user"]
 _HOST = ["unshare", "--uts", *_AS_ROOT, "sh", "-c", 'hostname "$0" && exec "$@"']  # machines are told apart by it
 _NODES = {"small": 2, "large": 4}  # CPUs, of which a job takes two; the large one has a GPU, too
 _PROJECTS = ("default", "a", "b")
-_PATIENT = {"RAY_raylet_start_wait_time_s": "300", "RAY_worker_niceness": "0"}
+_PATIENT = {
+    "RAY_NUM_REDIS_GET_RETRIES": "300",  # seconds, of a node that waits for its head
+    "RAY_raylet_start_wait_time_s": "300",
+    "RAY_worker_register_timeout_seconds": "300",
+    "RAY_worker_niceness": "0",
+}
 _TOKEN = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex * 2}
 
 
