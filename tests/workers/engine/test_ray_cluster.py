@@ -260,8 +260,9 @@ def test_a_node_stands_still_past_the_limit_and_its_job_is_fenced_when_it_wakes(
         os.kill(pid, signal.SIGSTOP)
     assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
     assert is_alive(trainer)
-    for pid in still:
-        os.kill(pid, signal.SIGCONT)
+    for pid in still:  # those that wake first may end the last
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGCONT)
     wait_for(lambda: not is_alive(trainer))
     assert cluster.visits(job) == _attempts(training=[1, 2], export=[2])
     cluster.start_again(node)
