@@ -73,9 +73,9 @@ class Cluster:
 
     def start_node(self, name: str) -> None:
         number = 2 + [*_NODES].index(name)  # drivers look for the head by its address
-        own = [f"--node-ip-address=127.0.0.{number}", f"--num-cpus={_NODES[name]}", f"--memory={64 << 30}"]
-        own += ["--num-gpus=1"] if name == "large" else []
-        self._start_ray(self.nodes[name], f"--address={self._address}", *own)
+        options = [f"--node-ip-address=127.0.0.{number}", f"--num-cpus={_NODES[name]}", f"--memory={64 << 30}"]
+        options += ["--num-gpus=1"] if name == "large" else []
+        self._start_ray(self.nodes[name], f"--address={self._address}", *options)
 
     def start_again(self, node: Deployment) -> None:
         """Whatever is left of it."""
@@ -89,12 +89,12 @@ class Cluster:
     def _start_ray(self, machine: Deployment, *arguments: str) -> None:
         home = machine.settings.data_dir.with_name("home")
         home.mkdir(exist_ok=True)
-        own = [
+        common = [
             f"--object-store-memory={80 << 20}",
             f"--temp-dir={self._sockets}/{machine.settings.data_dir.parent.name}",
         ]
         backend = {"FASTSPLAT_TRAINING__BACKEND": "cuda"} if "--num-gpus=1" in arguments else {}
-        command = [*_HOST, machine.settings.data_dir.parent.name, *_RAY, *own, *arguments]
+        command = [*_HOST, machine.settings.data_dir.parent.name, *_RAY, *common, *arguments]
         self._ray[machine] = machine.start_command(command, HOME=str(home), **backend, **_PATIENT, **_TOKEN)
 
     def processes(self, machine: Deployment) -> list[int]:
