@@ -104,14 +104,21 @@ def test_what_is_taken_from_another_object_is_no_fog() -> None:
     assert figures["outside_box"] == figures["outside_at_others"] == pytest.approx(0.25 / 3, abs=0.001)
 
 
-def test_two_that_are_one_are_no_object_and_halves_are_joined_by_a_second_click() -> None:
+def test_two_that_are_one_are_no_object_and_pieces_are_joined_by_a_second_click() -> None:
     _, true = _truth_and_map()
     merged = figures_of(_measured(np.where(true == 3, 2, true)))
-    assert merged["recall_50"] < 1 and merged["clicks_miou"] < 1
-    halves = true.copy()
-    halves[:30][true[:30] == 1] = 5  # the upper half of the wall is an object of its own
-    split = figures_of(_measured(halves))
+    assert (merged["recall_75"], merged["precision"]) == (2 / 4, 1) and merged["clicks_miou"] == 0.625
+    pieces = true.copy()
+    pieces[:20][true[:20] == 1] = 5  # the upper third of the wall is an object of its own
+    split = figures_of(_measured(pieces))
     assert split["selected_miou"] < 0.95 and split["clicks_1.3_miou"] == 1
+    assert (split["recall_75"], split["precision"]) == (3 / 4, 4 / 5)
+
+
+def test_an_object_that_is_missing_costs_recall_and_its_click_names_nothing() -> None:
+    _, true = _truth_and_map()
+    missing = figures_of(_measured(np.where(true == 3, 0, true)))
+    assert (missing["recall_50"], missing["precision"], missing["clicks_miou"]) == (3 / 4, 1, 3 / 4)
 
 
 def test_a_part_under_the_click_may_be_what_is_meant() -> None:
