@@ -29,22 +29,6 @@ def test_letters_are_those_of_pycocotools(mask: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mask", "counts"),
-    [
-        (np.zeros((2, 3), dtype=bool), "6"),  # one run of 6
-        (np.ones((2, 3), dtype=bool), "06"),  # background first, even if there is none
-        (np.zeros((4, 8), dtype=bool), "P1"),  # 32 = 0 + 1·32: 48 + 32 → "P", 48 + 1 → "1"
-        (np.eye(3, dtype=bool), "013000"),  # runs 0 1 3 1 3 1, from the fourth on minus the one two before
-        (np.array([[False, True], [False, True]]), "22"),  # columns first
-        (np.array([[False, False], [True, True]]), "1110"),  # 1 1 1 1 → 1 1 1 (1 − 1)
-    ],
-)
-def test_known_values(mask: np.ndarray, counts: str) -> None:
-    assert encode_rle(mask) == counts
-    np.testing.assert_array_equal(decode_rle(counts, *mask.shape), mask)
-
-
-@pytest.mark.parametrize(
     ("counts", "height", "width"),
     [
         ("5", 2, 3),

@@ -24,7 +24,15 @@ from benchmarks.absence.questions import (
 from benchmarks.calibration.folds import folds_of, twin_groups
 from benchmarks.calibration.lists import read_scenes
 from benchmarks.calibration.separation import equal_loss
+from benchmarks.evaluation.negative_nouns import negative_nouns
 from fastsplat.service.common.dictionary import dictionary_of, label_key
+
+
+def test_negative_nouns_are_many_different_and_name_nothing_that_is_there() -> None:
+    nouns = negative_nouns()
+    assert len(nouns) >= 150 and len(dictionary_of(nouns)) == len(nouns)
+    left = negative_nouns(["Zebras", "toy car", "zebra crossing"])
+    assert set(nouns) - set(left) == {"zebra", "race car"}
 
 
 def test_no_scene_has_a_name_twice() -> None:
