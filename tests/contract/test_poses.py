@@ -27,13 +27,16 @@ def _posed(position: tuple[float, ...], q: tuple[float, ...], **more: str) -> Po
 
 
 @given(_quaternions)
-def test_the_matrix_turns_vectors_as_the_quaternion_does(q: tuple[float, float, float, float]) -> None:
+def test_the_matrix_turns_vectors_as_the_quaternion_does_and_gives_it_back(q: tuple[float, float, float, float]) -> None:
     x, y, z, w = (np.array(q) / np.linalg.norm(q)).tolist()
-    posed = _posed((0.0, 0.0, 0.0), (x, y, z, w), frame_id="")
+    posed = _posed((1.0, 2.0, 3.0), (x, y, z, w), frame_id="")
     axis, vector = np.array([x, y, z]), np.array([0.3, -0.7, 0.2])
     turned = vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
     assert np.allclose(posed.world_from_camera[:3, :3] @ vector, turned, atol=1e-12)
-    assert posed.to_wire().orientation.w >= 0
+    sent = posed.to_wire()
+    assert sent.position == (1.0, 2.0, 3.0) and sent.orientation.w >= 0
+    side = np.copysign(1.0, np.dot(sent.orientation, (x, y, z, w)))
+    assert np.allclose(np.multiply(side, sent.orientation), (x, y, z, w), rtol=0, atol=1e-12)
 
 
 def test_opengl_looks_along_minus_z_with_y_up() -> None:
