@@ -8,6 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.photos.lens_faces import face_rays
+from fastsplat_contract.geometry.camera import Camera
+
 F64 = NDArray[np.float64]
 
 LOW, HIGH = np.array([-2.5, -2.0, 0.0]), np.array([2.5, 2.0, 2.6])  # corners of the room, meters, z up
@@ -79,3 +82,10 @@ def pose(center: tuple[float, float, float], heading_deg: float, pitch_deg: floa
 def photo(world_from_camera: F64, rays: F64) -> NDArray[np.uint8]:
     """uint8 [H, W, 3] RGB: the room as a camera with these rays [H, W, 3] sees it."""
     return look(world_from_camera[:3, 3], rays @ world_from_camera[:3, :3].T)
+
+
+def check_shown(picture: NDArray[np.uint8], valid: NDArray[np.bool_], camera: Camera, world_from_camera: F64) -> None:
+    """A pinhole's picture [H, W, 3] is the room as seen from there, by its valid pixels [H, W]."""
+    expected = photo(world_from_camera, face_rays(camera)).astype(float)
+    error, shifted = np.abs(picture - expected), np.abs(np.roll(expected, 4, axis=1) - expected)
+    assert error[valid].mean() < 0.4 * shifted[valid].mean()

@@ -13,7 +13,7 @@ from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.capture_settings import CaptureSettings
-from fastsplat.service.capture.captures import Capture
+from fastsplat.service.capture.captures import Capture, View
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 
@@ -67,3 +67,10 @@ def captured(folder: Path, settings: CaptureSettings) -> Capture:
     """The capture of an upload, in the folder `out` beside it."""
     validate_upload(folder, settings)
     return build_capture(folder, folder.parent / "out", settings, silent)
+
+
+def valid_pixels(view: View) -> np.ndarray:
+    """bool [H, W]: which pixels of a view count."""
+    if view.valid_path is None:
+        return np.ones((view.posed.camera.height, view.posed.camera.width), bool)
+    return np.asarray(Image.open(view.valid_path)) > 0

@@ -27,7 +27,7 @@ def _posed(position: tuple[float, ...], q: tuple[float, ...], **more: str) -> Po
 
 
 @given(_quaternions)
-def test_the_matrix_turns_vectors_as_the_quaternion_does_and_gives_it_back(q: tuple[float, float, float, float]) -> None:
+def test_a_matrix_turns_as_its_quaternion_does_and_gives_it_back(q: tuple[float, float, float, float]) -> None:
     x, y, z, w = (np.array(q) / np.linalg.norm(q)).tolist()
     posed = _posed((1.0, 2.0, 3.0), (x, y, z, w), frame_id="")
     axis, vector = np.array([x, y, z]), np.array([0.3, -0.7, 0.2])

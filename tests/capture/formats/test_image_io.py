@@ -16,11 +16,11 @@ from PIL import ExifTags, Image, ImageOps
 from PIL.TiffImagePlugin import IFDRational
 
 from fastsplat.service.capture.build import build_capture, load_image
-from fastsplat.service.capture.formats.image_io import check_image, load_upright, open_map, read_size
+from fastsplat.service.capture.formats.image_io import check_image, load_upright, read_size
 from fastsplat.service.capture.untrusted.sandbox import run_sandboxed
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
-from fastsplat_contract.errors import CorruptImageError, FastSplatError, InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import CorruptImageError, FastSplatError, LimitExceededError
 from tests.capture.upload_files import PINHOLE, frames_of, points_file, turned
 
 
@@ -107,12 +107,6 @@ def test_pixel_limit_is_the_setting(upload, settings, refused, photo) -> None:
     assert validate_upload(folder, settings.model_copy(update={"max_image_pixels": 80 * 48})).images == 2
     with refused(LimitExceededError, "b.jpg", "80×48", "MAX_IMAGE_PIXELS"):
         validate_upload(folder, settings.model_copy(update={"max_image_pixels": 80 * 48 - 1}))
-
-
-def test_map_with_colors(tmp_path: Path, settings, photo) -> None:
-    (tmp_path / "m.png").write_bytes(photo(1, form="PNG"))
-    with pytest.raises(InvalidInputError, match=r"m\.png"):
-        open_map(tmp_path, "m.png", settings)
 
 
 _SIZE = (64, 48)

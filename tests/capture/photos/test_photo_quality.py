@@ -14,6 +14,7 @@ from PIL import Image
 from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.capture_files import load_capture
+from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.photos.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
 from fastsplat.service.capture.uploads.photo_check import check_photos
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
@@ -25,18 +26,13 @@ from tests.commands import invoke
 _SCENES = ("tabletop", "kitchen", "plush", "skull")
 
 
-def _load(path: Path) -> NDArray[np.uint8]:
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"))
-
-
 def _judged(qualities: list[PhotoQuality], **poses: NDArray[np.float64]) -> dict[str, PhotoVerdict]:
     return {verdict.name: verdict for verdict in judge_photos(qualities, poses, None)}
 
 
 @pytest.mark.parametrize("scene", _SCENES)
 def test_real_photos_are_fine_and_those_that_shook_are_not(scene: str, test_data: Path) -> None:
-    photos = [_load(path) for path in sorted((test_data / scene / "images").glob("*.*"))[:24]]
+    photos = [load_rgb(path) for path in sorted((test_data / scene / "images").glob("*.*"))[:24]]
     width = photos[0].shape[1]
     qualities = [measure_photo(f"{number:02}", photo) for number, photo in enumerate(photos)]
     fine = judge_photos(qualities, {quality.name: _pose(number) for number, quality in enumerate(qualities)}, None)
@@ -57,7 +53,7 @@ def _pose(x: float) -> NDArray[np.float64]:
 
 
 def test_the_same_photo_again_is_a_duplicate_of_the_sharper_one(test_data: Path) -> None:
-    photos = [_load(path) for path in sorted((test_data / "skull/images").glob("*.*"))[:5]]
+    photos = [load_rgb(path) for path in sorted((test_data / "skull/images").glob("*.*"))[:5]]
     qualities = [measure_photo(f"{number}.jpg", photo) for number, photo in enumerate(photos)]
     softer = cv2.GaussianBlur(photos[2], (0, 0), 0.8)
     qualities.append(measure_photo("0-first.jpg", softer))
@@ -119,7 +115,7 @@ def test_a_capture_says_what_became_of_each_photo(test_data: Path, tmp_path: Pat
     folder = tmp_path / "upload" / "images"
     folder.mkdir(parents=True)
     for number in range(0, 36, 4):
-        pixels = _load(test_data / f"tabletop/images/{number:03d}.jpg")
+        pixels = load_rgb(test_data / f"tabletop/images/{number:03d}.jpg")
         if number == 16:
             pixels = np.asarray(cv2.blur(pixels, (31, 31)), dtype=np.uint8)
         Image.fromarray(pixels).save(folder / f"{number:03d}.jpg", quality=95)
