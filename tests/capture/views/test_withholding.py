@@ -85,11 +85,8 @@ def _painted(pixels: NDArray[np.uint8], mask: Mask, paint: Paint, number: int) -
 
 
 def _capture(test_data: Path, folder: Path, paint: Paint, privacy: Privacy | None):
-    """The capture, by a detector that says of each photo in turn where the figure is."""
-    figures: Iterator[int] = iter(range(_VIEWS))
-    withholding = Withholding(lambda pixels: _figure(next(figures)), privacy)
-    upload = validate_upload(_upload(test_data / "tabletop", folder / "upload", paint), CaptureSettings())
-    return build_capture(upload.folder, folder / "capture", CaptureSettings(), silent, None, withholding)
+    _upload(test_data / "tabletop", folder / "upload", paint)
+    return _built(folder, CaptureSettings(), map(_figure, range(_VIEWS)), privacy)
 
 
 def _files(folder: Path) -> dict[str, bytes]:
@@ -156,14 +153,16 @@ def test_depths_under_a_mask_change_nothing(tmp_path: Path, shrink: float) -> No
     np.testing.assert_array_equal(*stored)
 
 
-def _withholding(masks: Iterator[Mask]) -> Withholding:
+def _withholding(masks: Iterator[Mask], privacy: Privacy | None = "people") -> Withholding:
     """By a detector that says of each picture in turn where somebody is."""
-    return Withholding(lambda pixels: next(masks), "people")
+    return Withholding(lambda pixels: next(masks), privacy)
 
 
-def _built(folder: Path, settings: CaptureSettings, masks: Iterator[Mask]) -> Capture:
+def _built(
+    folder: Path, settings: CaptureSettings, masks: Iterator[Mask], privacy: Privacy | None = "people"
+) -> Capture:
     upload = validate_upload(folder / "upload", settings)
-    return build_capture(upload.folder, folder / "capture", settings, silent, None, _withholding(masks))
+    return build_capture(upload.folder, folder / "capture", settings, silent, None, _withholding(masks, privacy))
 
 
 # A video
