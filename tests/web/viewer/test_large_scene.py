@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
+from fastsplat.service.scene.artefact.scene import Gaussians
+from tests.scenes import store_scene
 from tests.web.browser import drawn_canvas, visiting
 from tests.web.glow import pixels_of
-from tests.web.large_scene import add_large_scene
 from tests.web.places import Place
+from tests.web.table import table
 
 _SLOW = """
 const begun = new WeakMap();
@@ -41,7 +45,12 @@ def test_a_slow_machine_draws_coarsely_while_the_camera_moves_and_as_before_at_r
     place: Place, webgl_browser: Browser, gaussians: int
 ) -> None:
     """Half the resolution; of a large scene a draft in it."""
-    scene_id = add_large_scene(place.service, place.settings, gaussians, degree=1)
+    scene, rng = table(place.settings), np.random.default_rng(5)
+    rows = rng.integers(len(scene.gaussians), size=gaussians)
+    arrays = {name: array[rows] for name, array in vars(scene.gaussians).items()}
+    by_viewpoint = rng.normal(scale=0.05, size=(gaussians, 3, 3)).astype(np.float32)
+    arrays["sh"] = np.concatenate([arrays["sh"], by_viewpoint], axis=1)
+    scene_id = store_scene(place.service._store, replace(scene, gaussians=Gaussians(**arrays)), "large")
     with visiting(webgl_browser, place.url, device_scale_factor=1) as visit:
         visit.page.add_init_script(_SLOW)
         visit.page.goto(f"{place.url}/#/scenes/{scene_id}")
