@@ -6,10 +6,10 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import lzfse
 import numpy as np
 
+from fastsplat_contract.geometry.poses import quaternion_of
 from tests.capture.upload_files import encoded
 
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -82,7 +82,4 @@ def scanner_app(frames: list[Frame]) -> dict[str, bytes]:
 
 def _quaternion(matrix: np.ndarray) -> list[float]:
     """[qx, qy, qz, qw, tx, ty, tz]."""
-    vector = cv2.Rodrigues(matrix[:3, :3])[0].ravel()
-    angle = float(np.linalg.norm(vector))
-    axis = vector / angle if angle else vector
-    return [*(axis * np.sin(angle / 2)).tolist(), float(np.cos(angle / 2)), *matrix[:3, 3].tolist()]
+    return [*quaternion_of(matrix[:3, :3]), *matrix[:3, 3].tolist()]

@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 from PIL import ExifTags
+from scipy.spatial.transform import Rotation
 
 from fastsplat.service.capture.formats.image_io import PhotoInfo, apply_orientation
 from fastsplat.service.capture.photos.photo_metadata import up_of_exif
@@ -15,10 +16,7 @@ from tests.capture import made_room
 
 
 def _turned(degrees: float, axis: np.ndarray) -> np.ndarray:
-    x, y, z = axis / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angle = np.radians(degrees)
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return Rotation.from_rotvec(degrees * axis / np.linalg.norm(axis), degrees=True).as_matrix()
 
 
 def _held(rng: np.random.Generator, count: int, roll_deg: float) -> np.ndarray:
