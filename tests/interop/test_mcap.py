@@ -13,6 +13,7 @@ import pytest
 from google.protobuf.message import Message
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from PIL import Image
 from plyfile import PlyData
 from scipy.spatial.transform import Rotation
 
@@ -24,17 +25,33 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from fastsplat.service.scene.artefact.frames import frame_of, scaled
 from fastsplat.service.scene.artefact.scaling import ScaledLength, combined
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.places import Alignment
 from fastsplat_contract.geometry.poses import Pose, Vector3, quaternion_of
 from fastsplat_contract.messages.scenes import Edit
-from tests.interop.wall_views import PHOTOS, START, seen_wall
+from tests.capture.upload_files import encoded
+from tests.query.wall import wall_index
 
 _NUMPY = {1: "u1", 3: "<u2", 7: "<f4"}
 
 
+START = 1_700_000_000_250_000_000  # nanoseconds since 1970 at which the recording begins
+PHOTOS = {  # JPEG files by the number of their camera
+    number: encoded(Image.new("RGB", (32, 24), color), "JPEG")
+    for number, color in ((0, (200, 10, 10)), (2, (10, 10, 200)))
+}
+
+
 @pytest.fixture(scope="module")
 def index() -> SceneIndex:
-    return seen_wall(lambda angle: Rotation.from_euler("xyz", [angle / 2, angle, angle / 3]).as_matrix())
+    """The wall, seen by three cameras that differ in pose and lens."""
+    cameras = []
+    for number, angle in enumerate((-0.1, 0.0, 0.15)):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_euler("xyz", [angle / 2, angle, angle / 3]).as_matrix()
+        pose[:3, 3] = 2 * angle, -angle, 0.1
+        cameras.append(PosedCamera(Camera(64, 48 + number, 60.0 + number, 61.0, 31.0, 25.0), pose, f"{number}.png"))
+    return wall_index(cameras=cameras)
 
 
 def _written(index: SceneIndex, objects: Sequence[int] = ()) -> bytes:

@@ -19,25 +19,9 @@ from fastsplat.service.scene.formats.ply import read_ply
 from fastsplat.service.scene.formats.sog_writing import MOST_GAUSSIANS, palette_entries, sog_bytes
 from fastsplat.service.scene.gaussians.morton import morton_order
 from fastsplat_contract.errors import LimitExceededError
+from tests.scene.conftest import make_gaussians
 
 Reader = Callable[[Gaussians], Gaussians]
-
-
-def gaussians(degree: int = 3, count: int = 40) -> Gaussians:
-    """Drawn ones of every shape, color and opacity."""
-    rng = np.random.default_rng(5)
-
-    def draw(*shape: int) -> NDArray[np.float32]:
-        return rng.normal(size=shape).astype(np.float32)
-
-    return Gaussians(
-        means=2 * draw(count, 3),
-        quats=3 * draw(count, 4),
-        log_scales=draw(count, 3) - 3,
-        logit_opacities=2 * draw(count),
-        sh=0.4 * draw(count, (degree + 1) ** 2, 3),
-        codes=np.zeros((count, 0), np.float32),
-    )
 
 
 @pytest.fixture
@@ -81,7 +65,7 @@ def _check_all_but_harmonics(back: Gaussians, ours: Gaussians) -> None:
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 @pytest.mark.parametrize("far", [0.01, 1.0, 1_000.0])
 def test_it_is_read_within_the_stated_error_in_morton_order(degree: int, far: float, read_back: Reader) -> None:
-    drawn = gaussians(degree, 300)
+    drawn = make_gaussians(300, (degree + 1) ** 2, 0)
     drawn = replace(drawn, means=drawn.means * np.float32(far))
     ours, back = _sorted(drawn), read_back(drawn)
     assert back.sh.shape == ours.sh.shape
@@ -93,7 +77,7 @@ def test_it_is_read_within_the_stated_error_in_morton_order(degree: int, far: fl
 def test_more_harmonics_than_the_palette_has_are_those_of_their_like(read_back: Reader) -> None:
     count, noise = 4_000, 0.01
     assert palette_entries(count) < count
-    drawn = gaussians(3, count)
+    drawn = make_gaussians(count, 16, 0)
     rng = np.random.default_rng(1)
     kinds = rng.normal(size=(20, 15, 3))
     bands = kinds[rng.integers(len(kinds), size=count)] + noise * rng.normal(size=(count, 15, 3))
@@ -105,7 +89,7 @@ def test_more_harmonics_than_the_palette_has_are_those_of_their_like(read_back: 
 
 
 def test_extreme_and_equal_values_are_read(read_back: Reader) -> None:
-    drawn = gaussians(1, 6)
+    drawn = make_gaussians(6, 4, 0)
     means = np.tile(np.array([[2.0, -1e6, 0.0]], np.float32), (6, 1))
     means[:3, 1] = 1e6
     ours = _sorted(
@@ -124,8 +108,8 @@ def test_extreme_and_equal_values_are_read(read_back: Reader) -> None:
 
 
 def test_the_file_is_what_the_specification_asks_for() -> None:
-    content = sog_bytes(gaussians(2, 70))
-    assert content == sog_bytes(gaussians(2, 70))
+    content = sog_bytes(make_gaussians(70, 9, 0))
+    assert content == sog_bytes(make_gaussians(70, 9, 0))
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         files = {name: archive.read(name) for name in archive.namelist()}
     meta = json.loads(files.pop("meta.json"))
@@ -144,11 +128,11 @@ def test_the_file_is_what_the_specification_asks_for() -> None:
 
 
 def test_a_splat_of_nothing_is_a_file_and_one_of_too_much_is_refused() -> None:
-    with zipfile.ZipFile(io.BytesIO(sog_bytes(gaussians(3, 0)))) as archive:
+    with zipfile.ZipFile(io.BytesIO(sog_bytes(make_gaussians(0, 16, 0)))) as archive:
         meta = json.loads(archive.read("meta.json"))
         assert meta["count"] == 0 and "shN" not in meta
         assert Image.open(io.BytesIO(archive.read("means_l.webp"))).size == (4, 4)
-    gaussian = gaussians(0, 1)
+    gaussian = make_gaussians(1, 1, 0)
     count = MOST_GAUSSIANS + 1
     huge = {name: np.broadcast_to(array, (count, *array.shape[1:])) for name, array in vars(gaussian).items()}
     with pytest.raises(LimitExceededError) as caught:
