@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page
 
+from fastsplat.service.common.vertical import vertical_of_poses
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.photos.pictures import PictureRequest
@@ -34,7 +35,7 @@ def canvas_pixels(page: Page) -> NDArray[np.float64]:
     """The 3D picture that is shown, without what lies over it: [H, W, 3] of 0..1."""
     page.evaluate("""() => {
       const sheet = new CSSStyleSheet();
-      sheet.replaceSync(".glow-legend, .viewer-note { display: none }");
+      sheet.replaceSync(".glow-legend, .viewer-note, .gizmo { display: none }");
       document.adoptedStyleSheets = [sheet];
     }""")
     picture = drawn_canvas(page)
@@ -96,22 +97,6 @@ def overlap(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
 
 def scene_up(cameras: Sequence[PosedCamera]) -> tuple[float, float, float]:
     """What is up in a scene, as the page takes it: in which direction the horizons of its pictures are level."""
-    forward, up = (
-        sign * np.array([posed.world_from_camera[:3, k] for posed in cameras]) for k, sign in ((2, 1), (1, -1))
-    )
-    horizons = np.cross(forward, up)
-    horizons /= np.linalg.norm(horizons, axis=1, keepdims=True)
-    matrix = horizons.T @ horizons + 1e-3 * len(cameras) * np.eye(3)
-    level = up.mean(axis=0)
-    for _ in range(20):
-        level = np.linalg.solve(matrix, level)
-        level /= np.linalg.norm(level)
-    return float(level[0]), float(level[1]), float(level[2])
-
-
-def projected(posed: PosedCamera, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Where a camera shows points [N, 3]: x and y, pixels, and z, each [N]."""
-    matrix = posed.camera_from_world()
-    x, y, z = (points @ matrix[:3, :3].T + matrix[:3, 3]).T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return posed.camera.fx * x / z + posed.camera.cx, posed.camera.fy * y / z + posed.camera.cy, z
+    up = vertical_of_poses(np.stack([posed.world_from_camera for posed in cameras]))
+    assert up is not None
+    return float(up[0]), float(up[1]), float(up[2])

@@ -6,12 +6,12 @@ import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from fastsplat.service.application.service import SceneService
+from tests.capture.upload_files import video_file
 from tests.web.browser import PHONE, visiting
 from tests.web.photos import write_photos
 from tests.web.places import Place
@@ -37,12 +37,9 @@ def _folder(folder: Path) -> tuple[str, list[Path] | Path, set[str]]:
 
 
 def _video(folder: Path) -> tuple[str, list[Path] | Path, set[str]]:
-    path = folder / "walk.mp4"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (64, 48))
-    for seed in range(12):
-        writer.write(np.random.default_rng(seed).integers(0, 255, (48, 64, 3), dtype=np.uint8))
-    writer.release()
-    return "Choose files", [path], {"walk.mp4"}
+    frames = np.random.default_rng(0).integers(0, 255, (12, 48, 64, 3), dtype=np.uint8)
+    video_file(folder / "walk.mp4", frames, "mp4v")
+    return "Choose files", [folder / "walk.mp4"], {"walk.mp4"}
 
 
 def _archive(folder: Path) -> tuple[str, list[Path] | Path, set[str]]:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from fastsplat.service.scene.artefact.scene import Gaussians
-from tests.web.browser import TOUCH_PHONE, Visit, drawn_canvas, visiting
-from tests.web.glow import pixels_of
+from tests.web.browser import TOUCH_PHONE, Visit, visiting
+from tests.web.glow import canvas_pixels
 from tests.web.places import Place
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
@@ -19,10 +19,7 @@ _VIEW = "0_-3.2_1.6_0_0_0.2"
 
 def _picture(page: Page) -> NDArray[np.float64]:
     """The 3D picture without what lies over it, [H, W, 3] of 0..255."""
-    page.evaluate("document.querySelectorAll('.glow-legend, .gizmo').forEach((one) => (one.style.opacity = 0))")
-    picture = pixels_of(drawn_canvas(page))
-    page.evaluate("document.querySelectorAll('.glow-legend, .gizmo').forEach((one) => (one.style.opacity = 1))")
-    return picture
+    return 255 * canvas_pixels(page)
 
 
 def _gaussians(place: Place, scene_id: str, version: str = "") -> Gaussians:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import re
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.store.blobs.blobs import remove
 from fastsplat_contract.photos.pictures import PictureRequest
 from tests.web.browser import PHONE, Visit, drawn, visiting
-from tests.web.glow import pixels_of, projected, view_camera
+from tests.web.glow import page_view, pixels_of, view_camera
 from tests.web.places import Place
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
@@ -113,7 +112,7 @@ def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, 
         box = canvas.bounding_box()
         seen_from = view_camera(np.array([0, -8, 5, 0, 0, 0.2]), round(box["width"]), round(box["height"]))
         for posed in place.service.get_scene(place.scene_id).cameras:
-            x, y, _ = projected(seen_from, posed.world_from_camera[:3, 3])
+            x, y = seen_from.pixels(posed.world_from_camera[:3, 3])
             dot = visit.page.locator(f'.frusta [data-camera="{posed.name}"] circle.hit').bounding_box()
             assert abs(dot["x"] + dot["width"] / 2 - box["x"] - x) < 1
             assert abs(dot["y"] + dot["height"] / 2 - box["y"] - y) < 1
@@ -122,9 +121,7 @@ def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, 
         expect(visit.page.locator(".compared-photo")).to_have_attribute("data-photo", posed.name)
         # The address has the view: the camera's own place.
         expect(visit.page).to_have_url(re.compile(f"at%3A{posed.name}"))
-        address = unquote(visit.page.url)
-        view = [float(number) for number in re.search(r"view=([^&]+)", address)[1].split("_")]
-        assert np.allclose(view[:3], posed.world_from_camera[:3, 3], atol=1e-3)
+        assert np.allclose(page_view(visit.page)[:3], posed.world_from_camera[:3, 3], atol=1e-3)
 
 
 def test_colors_say_objects_labels_depth_and_normals(place: Place, webgl_browser: Browser) -> None:
@@ -171,7 +168,7 @@ def _balls(visit: Visit, box: dict[str, float]) -> dict[int, NDArray[np.float64]
     pixels = _shot(visit, box)
     colors = {}
     for obj, middle in _PLACES.items():
-        x, y, _ = projected(camera, np.array(middle))
+        x, y = camera.pixels(np.array(middle))
         colors[obj] = pixels[int(y) - 4 : int(y) + 4, int(x) - 4 : int(x) + 4].mean(axis=(0, 1))
     return colors
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from urllib.parse import unquote
 
 import numpy as np
 from playwright.sync_api import Browser, expect
 
 from tests.api.scenes.test_observations import add_room, drawn_photos
 from tests.web.browser import PHONE, visiting
+from tests.web.glow import page_view
 from tests.web.places import Place
 
 
@@ -30,10 +30,7 @@ def test_places_for_the_next_photos_are_listed_drawn_and_flown_to(place: Place, 
         visit.check_accessible()
         rows.last.get_by_role("button").click()
         expect(visit.page).not_to_have_url(re.compile("view=0_-8_5"))
-        found = re.search(r"view=([^&]+)", unquote(visit.page.url))
-        assert found
-        view = [float(number) for number in found[1].split("_")]
-        assert np.allclose(view[:3], photos[-1].camera.world_from_camera[:3, 3], atol=1e-2)
+        assert np.allclose(page_view(visit.page)[:3], photos[-1].camera.world_from_camera[:3, 3], atol=1e-2)
         visit.page.get_by_text("Where to stand next").click()
         expect(cameras).to_have_count(0)
 

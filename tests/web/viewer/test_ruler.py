@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from urllib.parse import parse_qs
 
 import pytest
 from playwright.sync_api import Browser, Locator, expect
 
 from tests.scenes import store_scene
 from tests.web.browser import PHONE, Visit, visiting
+from tests.web.glow import page_view
 from tests.web.places import Place
 from tests.web.table import table
 
@@ -58,8 +58,7 @@ def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
         (edit,) = place.service.versions.all(scene_id)[-1].edits
         assert [known.meters for known in edit.known_lengths] == [0.25]
         expect(page).not_to_have_url(re.compile(_VIEW))
-        position = [float(number) for number in parse_qs(page.url.partition("?")[2])["view"][0].split("_")]
-        assert position[1] == pytest.approx(-3.2 * scene.scaling.meters_per_unit, rel=1e-3)  # the picture stays
+        assert page_view(page)[1] == pytest.approx(-3.2 * scene.scaling.meters_per_unit, rel=1e-3)  # the picture stays
         note = _measured(visit, canvas)
         expect(note).to_contain_text(re.compile(r"are 0\.2[45]\d m ± \d\.\d{3} m apart"))
         page.get_by_role("button", name="Put the ruler away").click()

@@ -21,7 +21,7 @@ from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.poses import Box
 from fastsplat_contract.photos.pictures import PictureRequest
 from tests.web.browser import visiting
-from tests.web.glow import projected, scene_up, view_camera
+from tests.web.glow import scene_up, view_camera
 from tests.web.places import Place, running
 
 _ENCODER = "minilm_l6_int8"
@@ -59,8 +59,7 @@ class _Covered:
         self._place = place
         cameras = place.service.get_scene(place.scene_id).cameras
         self._up = scene_up(cameras)
-        small = [replace(posed, camera=posed.camera.scaled_to(96, _height(posed, 96))) for posed in cameras]
-        self._photos = [(posed, self._depth(posed)) for posed in small]
+        self._photos = [(posed, self._depth(posed)) for posed in (posed.limited_to(96) for posed in cameras)]
 
     def camera(self, text: str, size: dict[str, float], width: int = 64) -> PosedCamera:
         """Of a view as the page says it, in a window of this shape."""
@@ -73,31 +72,18 @@ class _Covered:
 
     def _share(self, posed: PosedCamera) -> float:
         depth = self._depth(posed)
-        points = _points(posed, depth)
+        y, x = np.nonzero(depth > 0)
+        points = posed.places(x + 0.5, y + 0.5, depth[y, x])
         seen = np.zeros(len(points), dtype=int)
         for photo, photo_depth in self._photos:
-            x, y, z = projected(photo, points)
-            inside = (z > 0) & (x >= 0) & (y >= 0) & (x < photo.camera.width) & (y < photo.camera.height)
-            front = np.zeros(len(points))
-            front[inside] = photo_depth[y[inside].astype(int), x[inside].astype(int)]
-            seen += inside & (front > 0) & (np.abs(z - front) < 0.05 * front)
+            rows, pixels, z = photo.in_picture(points)
+            front = photo_depth[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]
+            seen[rows] += (front > 0) & (np.abs(z - front) < 0.05 * front)
         return float((seen >= 2).sum() / depth.size)
 
     def _depth(self, posed: PosedCamera) -> NDArray[np.float32]:
         request = PictureRequest(self._place.scene_id, "depth", camera=posed, format="npy")
         return np.nan_to_num(np.load(io.BytesIO(self._place.service.answers.picture(request))))
-
-
-def _height(posed: PosedCamera, width: int) -> int:
-    return round(posed.camera.height * width / posed.camera.width)
-
-
-def _points(posed: PosedCamera, depth: NDArray[np.float32]) -> NDArray[np.float64]:
-    rows, columns = np.nonzero(depth > 0)
-    z = depth[rows, columns].astype(np.float64)
-    camera = posed.camera
-    local = np.stack([(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z], axis=1)
-    return np.asarray(local @ posed.world_from_camera[:3, :3].T + posed.world_from_camera[:3, 3])
 
 
 def _corners(box: Box) -> NDArray[np.float64]:
@@ -131,9 +117,7 @@ def test_no_gesture_leaves_what_was_seen_and_objects_are_flown_to_whole(sample: 
             expect(canvas).not_to_have_attribute("data-view", before)
             views.append(canvas.get_attribute("data-view") or "")
             posed = covered.camera(views[-1], box, 640)
-            x, y, z = projected(posed, _corners(obj.box))
-            inside = (z > 0) & (x >= 0) & (x <= posed.camera.width) & (y >= 0) & (y <= posed.camera.height)
-            assert inside.all(), (obj.name, x, y)
+            assert len(posed.in_picture(_corners(obj.box))[0]) == 8, obj.name
     assert covered.shares(strayed, box)[0] < 0.5
     shares = covered.shares(views, box)
     assert len(shares) > _GESTURES / 4  # the camera is no prisoner
