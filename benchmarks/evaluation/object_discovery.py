@@ -3,7 +3,7 @@ naming click on each is worth."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -129,10 +129,7 @@ def object_maps(scene: EvaluatedScene) -> dict[str, NDArray[np.int32]]:
     }
 
 
-def _measure_recall_50(scene: EvaluatedScene) -> SceneFigure | Skipped:
-    counts = _counted(scene)
-    if isinstance(counts, Skipped):
-        return counts
+def _recall_50(scene: EvaluatedScene, counts: ObjectCounts) -> SceneFigure:
     details = {
         "objects_discovered": len(counts.judged),
         "objects_judged": int(counts.judged.sum()),
@@ -142,35 +139,27 @@ def _measure_recall_50(scene: EvaluatedScene) -> SceneFigure | Skipped:
     return SceneFigure(recall_at(counts, 0.5), details=details)
 
 
-def _measure_recall_75(scene: EvaluatedScene) -> SceneFigure | Skipped:
-    counts = _counted(scene)
-    return counts if isinstance(counts, Skipped) else SceneFigure(recall_at(counts, 0.75))
-
-
-def _measure_precision(scene: EvaluatedScene) -> SceneFigure | Skipped:
-    counts = _counted(scene)
-    if isinstance(counts, Skipped):
-        return counts
+def _precision(scene: EvaluatedScene, counts: ObjectCounts) -> SceneFigure | Skipped:
     if not counts.judged.any():
         return Skipped("no object was discovered where the truth names something")
     return SceneFigure(precision_at(counts, 0.5))
 
 
-def _measure_clicks(scene: EvaluatedScene) -> SceneFigure | Skipped:
-    counts = _counted(scene)
-    if isinstance(counts, Skipped):
-        return counts
-    return SceneFigure(simulate_clicks(scene.dataset, object_maps(scene)))
+def _metric(
+    name: str, description: str, figure: Callable[[EvaluatedScene, ObjectCounts], SceneFigure | Skipped]
+) -> SceneMetric:
+    """A figure of the counts of all test views, skipped where there are none."""
 
+    def measure(scene: EvaluatedScene) -> SceneFigure | Skipped:
+        if scene.index.scene.objects is None:
+            return Skipped("nobody looked for objects in this scene")
+        maps = object_maps(scene)
+        counts = count_objects(scene.index.scene, scene.dataset, maps) if maps else None
+        if counts is None or not counts.present.any():
+            return Skipped("the test views do not say which objects they show")
+        return figure(scene, counts)
 
-def _counted(scene: EvaluatedScene) -> ObjectCounts | Skipped:
-    if scene.index.scene.objects is None:
-        return Skipped("nobody looked for objects in this scene")
-    maps = object_maps(scene)
-    counts = count_objects(scene.index.scene, scene.dataset, maps) if maps else None
-    if counts is None or not counts.present.any():
-        return Skipped("the test views do not say which objects they show")
-    return counts
+    return SceneMetric(name, description, measure)
 
 
 def widest(mask: NDArray[np.bool_]) -> tuple[int, int]:
@@ -197,23 +186,25 @@ def _mean_iou(
     return float((common / np.maximum(union, 1)).mean())
 
 
-OBJECTS_RECALL_50 = SceneMetric(
+OBJECTS_RECALL_50 = _metric(
     "objects_recall_50",
     "share of true objects that exist as exactly one discovered object, by an IoU of at least 0.5 over the pixels of "
     "all test views; a measure of this project's own",
-    _measure_recall_50,
+    _recall_50,
 )
-OBJECTS_RECALL_75 = SceneMetric(
-    "objects_recall_75", "as objects_recall_50, by an IoU of at least 0.75", _measure_recall_75
+OBJECTS_RECALL_75 = _metric(
+    "objects_recall_75",
+    "as objects_recall_50, by an IoU of at least 0.75",
+    lambda scene, counts: SceneFigure(recall_at(counts, 0.75)),
 )
-OBJECTS_PRECISION = SceneMetric(
+OBJECTS_PRECISION = _metric(
     "objects_precision",
     "share of discovered objects that are a true object, by an IoU of at least 0.5; objects that lie mostly where the "
     "truth names nothing do not count",
-    _measure_precision,
+    _precision,
 )
-CLICKS_MIOU = SceneMetric(
+CLICKS_MIOU = _metric(
     "clicks_miou",
     "mean IoU over true objects after each was named by one click where it is largest; a measure of this project's own",
-    _measure_clicks,
+    lambda scene, counts: SceneFigure(simulate_clicks(scene.dataset, object_maps(scene))),
 )

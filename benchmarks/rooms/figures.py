@@ -3,7 +3,7 @@ name."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.calibration.fit_names import is_right
 from benchmarks.evaluation.datasets.dataset import Dataset
+from benchmarks.evaluation.metrics import mean
 from benchmarks.evaluation.object_discovery import (
     MIN_PIXELS,
     ObjectCounts,
@@ -25,6 +26,7 @@ from benchmarks.evaluation.object_discovery import (
     true_objects,
     widest,
 )
+from benchmarks.evaluation.published.mask_pairs import mask_iou
 from benchmarks.rooms.shapes import F64
 from benchmarks.rooms.truth import Truth
 from fastsplat.service.perception.class_names import COCO_80
@@ -108,8 +110,8 @@ def figures_of(scene: Measured) -> dict[str, Any]:
         "mean_iou": float(best[counts.present].mean()),
         "clicks_miou": simulate_clicks(scene.dataset, scene.objects),
         **_clicked(scene),
-        "surfaces_iou": _mean(best[surfaces]),
-        **{f"{kind}_iou": _mean(best[counts.present & (kinds == kind)]) for kind in sorted(set(kinds) - {""})},
+        "surfaces_iou": mean(best[surfaces].tolist()),
+        **{f"{kind}_iou": mean(best[counts.present & (kinds == kind)].tolist()) for kind in sorted(set(kinds) - {""})},
         **_parted(scene),
         **_in_space(scene),
         **_named(scene),
@@ -136,13 +138,13 @@ def _clicked(scene: Measured) -> dict[str, float]:
         meant = truth == number
         spot = _spot(meant)
         selected = (objects == objects[spot]) & (objects[spot] > 0)
-        once.append(_iou(selected, meant))
+        once.append(mask_iou(selected, meant))
         options = [once[-1]]
         missing = meant & ~selected
         if missing.any() and (more := objects[_spot(missing)]) > 0:
-            options.append(_iou(selected | (objects == more), meant))
+            options.append(mask_iou(selected | (objects == more), meant))
         if parts[spot] > 0:
-            options.append(_iou(parts == parts[spot], meant))
+            options.append(mask_iou(parts == parts[spot], meant))
         twice.append(max(options))
     first, second = np.array(once), np.array(twice)
     worst = np.argsort(first, kind="stable")[: int(SECOND_CLICKS * len(first))]
@@ -165,18 +167,14 @@ def _parted(scene: Measured) -> dict[str, float | int]:
             continue
         pairs = [(ids, ids[meant]) for ids in (objects, parts)]
         likely = [(ids, int(np.bincount(inside).argmax())) for ids, inside in pairs]
-        best.append(max(_iou(ids == number_there, meant) if number_there else 0.0 for ids, number_there in likely))
-    return {"parts_true": len(best), "parts_recall_50": _mean([float(iou >= _IS) for iou in best])}
+        best.append(max(mask_iou(ids == number_there, meant) if number_there else 0.0 for ids, number_there in likely))
+    return {"parts_true": len(best), "parts_recall_50": mean([float(iou >= _IS) for iou in best])}
 
 
 def _spot(mask: NDArray[np.bool_]) -> tuple[int, int, int]:
     """Where a person clicks: in the view that shows most of it, where it is widest."""
     view = int(mask.sum(axis=(1, 2)).argmax())
     return (view, *widest(mask[view]))
-
-
-def _iou(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> float:
-    return float((left & right).sum() / max(1, (left | right).sum()))
 
 
 def _in_space(scene: Measured) -> dict[str, float]:
@@ -205,10 +203,10 @@ def _in_space(scene: Measured) -> dict[str, float]:
             covered.append(float(_covers(single, points).mean()))
         alone.append(_silhouette_iou(single, scene, number))
     return {
-        "outside_box": _mean(outside),
-        "outside_at_others": _mean(elsewhere),
-        "covered": _mean(covered),
-        "alone_miou": _mean(alone),
+        "outside_box": mean(outside),
+        "outside_at_others": mean(elsewhere),
+        "covered": mean(covered),
+        "alone_miou": mean(alone),
     }
 
 
@@ -261,7 +259,3 @@ def _named(scene: Measured) -> dict[str, float | int]:
         "names_knowable": len(knowable),
         "names_known": known,
     }
-
-
-def _mean(values: Sequence[float] | F64) -> float:
-    return float(np.mean(values)) if len(values) else float("nan")

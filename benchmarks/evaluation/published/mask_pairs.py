@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.evaluation.boundary_iou import DIAGONAL_SHARE, boundary_region, boundary_width
+from benchmarks.evaluation.metrics import mean
 from fastsplat_contract.errors import InvalidInputError
 
 SILHOUETTE_ALPHA = 0.7
@@ -60,47 +61,12 @@ def pair_score(text: str, truth: NDArray[np.bool_], predicted: NDArray[np.bool_]
     )
 
 
-@dataclass(frozen=True)
-class DirectSelection:
-    """OpenGaussian's figures of Gaussians that were selected in 3D and drawn alone (Wu et al. 2024).
-
-    Attributes:
-        miou: mean over pairs, missing predictions as 0.
-        accuracy_25, accuracy_50: shares of pairs with an IoU above 0.25 and 0.5.
-    """
-
-    miou: float
-    accuracy_25: float
-    accuracy_50: float
-
-
-@dataclass(frozen=True)
-class LerfMask:
-    """Gaussian Grouping's figures on LERF-Mask (Ye et al. 2024).
-
-    Attributes:
-        miou: mean over texts of their mean IoU over views.
-        mbiou: the same of the boundary IoU.
-    """
-
-    miou: float
-    mbiou: float
-
-
-def mean_over_pairs(ious: Sequence[float]) -> float:
-    """The mean over pairs of view and text, each pair the same weight, as LangSplat and OpenGaussian print their mIoU;
-    NaN without any."""
-    return float(np.mean(ious)) if len(ious) else float("nan")
-
-
-def direct_selection(ious: Sequence[float]) -> DirectSelection:
-    """The figures of pairs whose predicted masks are `silhouette_mask`s; NaN without any.
+def share_above(ious: Sequence[float], bound: float) -> float:
+    """Share of pairs whose IoU is above a bound, OpenGaussian's accuracy (Wu et al. 2024); NaN without any.
 
     As `scripts/compute_lerf_iou.py` of OpenGaussian (read in github.com/zhgulden/OpenGaussian-, commit 478b2ef).
     """
-    values = np.asarray(ious, np.float64)
-    shares = [float((values > bound).mean()) if len(values) else float("nan") for bound in (0.25, 0.5)]
-    return DirectSelection(mean_over_pairs(ious), *shares)
+    return mean([float(iou > bound) for iou in ious])
 
 
 def silhouette_mask(alpha: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -111,25 +77,23 @@ def silhouette_mask(alpha: NDArray[np.floating]) -> NDArray[np.bool_]:
     return np.asarray(alpha > SILHOUETTE_ALPHA)
 
 
-def lerf_mask(scores: Sequence[PairScore], *, strict: bool) -> LerfMask:
-    """mIoU and mBIoU as in `script/eval_lerf_mask.py` of github.com/lkeab/gaussian-grouping at commit c93f24b; NaN
-    where no pair is counted.
+def lerf_mask(scores: Sequence[PairScore], figure: Callable[[PairScore], float], *, strict: bool) -> float:
+    """Mean over texts of the mean of a pair's figure over views, as in `script/eval_lerf_mask.py` of
+    github.com/lkeab/gaussian-grouping at commit c93f24b (Ye et al. 2024); NaN where no pair is counted.
 
     The published script leaves out pairs for which a method wrote no mask: the lenient figure. The strict one counts
     them as 0, so that a method cannot gain by staying silent. A text that has no pair left counts nowhere.
 
     Args:
         scores: of all annotated views and texts.
+        figure: of a pair, its IoU or its boundary IoU.
         strict: whether missing predictions count.
     """
-    counted = [score for score in scores if strict or score.predicted]
-    by_text: dict[str, list[PairScore]] = {}
-    for score in counted:
-        by_text.setdefault(score.text, []).append(score)
-    return LerfMask(
-        miou=mean_over_pairs([mean_over_pairs([score.iou for score in text]) for text in by_text.values()]),
-        mbiou=mean_over_pairs([mean_over_pairs([score.boundary_iou for score in text]) for text in by_text.values()]),
-    )
+    by_text: dict[str, list[float]] = {}
+    for score in scores:
+        if strict or score.predicted:
+            by_text.setdefault(score.text, []).append(figure(score))
+    return mean([mean(text) for text in by_text.values()])
 
 
 def mask_iou(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> float:

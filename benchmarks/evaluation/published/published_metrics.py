@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.evaluation.metrics import QueryPrediction, Skipped, ViewMetric, ViewPrediction
+from benchmarks.evaluation.metrics import QueryPrediction, Skipped, ViewMetric, ViewPrediction, mean
 from benchmarks.evaluation.published.mask_pairs import (
     PairScore,
-    direct_selection,
     lerf_mask,
     mask_iou,
-    mean_over_pairs,
     pair_score,
+    share_above,
 )
 from benchmarks.evaluation.published.relevancy_maps import localized, thresholded_mask
 
@@ -61,7 +61,7 @@ _Views = Sequence[tuple[PublishedScores, ...]]
 
 
 def _over_pairs(figure: Callable[[PublishedScores], float]) -> Callable[[_Views], float]:
-    return lambda views: mean_over_pairs([figure(score) for view in views for score in view])
+    return lambda views: mean([figure(score) for view in views for score in view])
 
 
 def _answers(views: _Views) -> list[PairScore]:
@@ -76,6 +76,7 @@ def _metric(name: str, description: str, combine: Callable[[_Views], float]) -> 
     return ViewMetric(name, description, published_scores, combine)
 
 
+_IOU, _BOUNDARY_IOU = attrgetter("iou"), attrgetter("boundary_iou")
 _LERF_MASK = "of Gaussian Grouping's LERF-Mask (Ye et al. 2024, its code), mean over texts of their means over views"
 
 PUBLISHED = (
@@ -95,36 +96,36 @@ PUBLISHED = (
         "miou_opengaussian",
         "OpenGaussian's mIoU (Wu et al. 2024, its code): mean over pairs of view and text of the IoU of the Gaussians "
         "that answer, chosen in 3D and drawn without all others",
-        lambda views: direct_selection(_silhouettes(views)).miou,
+        lambda views: mean(_silhouettes(views)),
     ),
     _metric(
         "acc25_opengaussian",
         "share of the pairs of miou_opengaussian with an IoU above 0.25",
-        lambda views: direct_selection(_silhouettes(views)).accuracy_25,
+        lambda views: share_above(_silhouettes(views), 0.25),
     ),
     _metric(
         "acc50_opengaussian",
         "share of the pairs of miou_opengaussian with an IoU above 0.5",
-        lambda views: direct_selection(_silhouettes(views)).accuracy_50,
+        lambda views: share_above(_silhouettes(views), 0.5),
     ),
     _metric(
         "miou_lerf_mask",
         f"mIoU {_LERF_MASK}; strict: an answer that nothing is there counts as 0",
-        lambda views: lerf_mask(_answers(views), strict=True).miou,
+        lambda views: lerf_mask(_answers(views), _IOU, strict=True),
     ),
     _metric(
         "miou_lerf_mask_lenient",
         f"mIoU {_LERF_MASK}; lenient, as published: an answer that nothing is there is left out",
-        lambda views: lerf_mask(_answers(views), strict=False).miou,
+        lambda views: lerf_mask(_answers(views), _IOU, strict=False),
     ),
     _metric(
         "mbiou_lerf_mask",
         f"boundary mIoU {_LERF_MASK}; strict",
-        lambda views: lerf_mask(_answers(views), strict=True).mbiou,
+        lambda views: lerf_mask(_answers(views), _BOUNDARY_IOU, strict=True),
     ),
     _metric(
         "mbiou_lerf_mask_lenient",
         f"boundary mIoU {_LERF_MASK}; lenient, as published",
-        lambda views: lerf_mask(_answers(views), strict=False).mbiou,
+        lambda views: lerf_mask(_answers(views), _BOUNDARY_IOU, strict=False),
     ),
 )

@@ -13,9 +13,9 @@ from scipy.ndimage import binary_erosion, correlate, uniform_filter
 from benchmarks.evaluation.datasets.dataset import Dataset, QueryTruth, TrueView
 from benchmarks.evaluation.published.mask_pairs import (
     PairScore,
-    direct_selection,
     lerf_mask,
     pair_score,
+    share_above,
     silhouette_mask,
 )
 from benchmarks.evaluation.published.relevancy_maps import localized, mean_filtered, thresholded_mask
@@ -110,20 +110,17 @@ def test_each_paper_weights_its_pairs_in_its_own_way() -> None:
         _score("mug", 0.5),
         _score("bed", 0.6),
     ]
-    strict, lenient = lerf_mask(scores, strict=True), lerf_mask(scores, strict=False)
-    assert strict.miou == pytest.approx((0.7 + 0.3 + 0.3) / 3)
-    assert lenient.miou == pytest.approx((0.7 + 0.6 + 0.3) / 3)
-    assert (strict.mbiou, lenient.mbiou) == pytest.approx((strict.miou / 2, lenient.miou / 2))
-    direct = direct_selection([score.iou for score in scores])
-    assert direct.miou == pytest.approx(2.3 / 5)
-    assert (direct.accuracy_25, direct.accuracy_50) == pytest.approx((4 / 5, 2 / 5)), "0.5 is not above 0.5"
+    for strict, expected in ((True, (0.7 + 0.3 + 0.3) / 3), (False, (0.7 + 0.6 + 0.3) / 3)):
+        assert lerf_mask(scores, lambda score: score.iou, strict=strict) == pytest.approx(expected)
+    shares = [share_above([score.iou for score in scores], bound) for bound in (0.25, 0.5)]
+    assert shares == [4 / 5, 2 / 5], "0.5 is not above 0.5"
 
 
 def test_nothing_asked_is_nothing_measured() -> None:
-    figures = (lerf_mask([], strict=True).miou, direct_selection([]).accuracy_25)
-    assert all(math.isnan(figure) for figure in figures)
+    assert math.isnan(lerf_mask([], lambda score: score.iou, strict=True)) and math.isnan(share_above([], 0.25))
     silent = [_score("mug", 0.0, predicted=False)]
-    assert lerf_mask(silent, strict=True).miou == 0 and math.isnan(lerf_mask(silent, strict=False).miou)
+    strict, lenient = (lerf_mask(silent, lambda score: score.iou, strict=strict) for strict in (True, False))
+    assert strict == 0 and math.isnan(lenient)
 
 
 def test_selected_gaussians_are_drawn_whole_though_others_hide_them() -> None:
