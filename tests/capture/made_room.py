@@ -84,7 +84,7 @@ def photo(world_from_camera: F64, rays: F64) -> NDArray[np.uint8]:
     return look(world_from_camera[:3, 3], rays @ world_from_camera[:3, :3].T)
 
 
-def check_shown(picture: NDArray[np.uint8], valid: NDArray[np.bool_], camera: Camera, world_from_camera: F64) -> None:
+def check_picture(picture: NDArray[np.uint8], valid: NDArray[np.bool_], camera: Camera, world_from_camera: F64) -> None:
     """A pinhole's picture [H, W, 3] is the room as seen from there, by its valid pixels [H, W]."""
     expected = photo(world_from_camera, face_rays(camera)).astype(float)
     error, shifted = np.abs(picture - expected), np.abs(np.roll(expected, 4, axis=1) - expected)

@@ -59,7 +59,7 @@ def test_faces_show_what_the_lens_saw(model: str, degrees: float) -> None:
         picture = face.undistortion.apply(photo)
         valid = face.undistortion.valid(lens.width, lens.height)
         valid = np.ones(picture.shape[:2], bool) if valid is None else valid
-        made_room.check_shown(picture, valid, camera, face.pose(pose))
+        made_room.check_picture(picture, valid, camera, face.pose(pose))
         assert valid.any(axis=0).all() and valid.any(axis=1).all(), "no row or column shows nothing"
         assert picture[~valid].size == 0 or picture[~valid].max() == 0
 
@@ -121,7 +121,7 @@ def test_posed_wide_photos_become_faces(upload, settings) -> None:
     assert capture.test_names == tuple(f"b.{face}.png" for face in faces)
     for view in capture.views:
         assert np.array_equal(view.posed.world_from_camera[:3, 3], poses[f"{view.posed.name[0]}.png"][:3, 3])
-        made_room.check_shown(load_image(view), valid_pixels(view), view.posed.camera, view.posed.world_from_camera)
+        made_room.check_picture(load_image(view), valid_pixels(view), view.posed.camera, view.posed.world_from_camera)
     assert any("5 views" in warning and "fisheye" in warning for warning in capture.report.warnings)
     assert [photo.name for photo in capture.report.photos] == sorted(names) and capture.report.images == 10
 
@@ -132,7 +132,7 @@ def test_posed_photos_up_to_120_degrees_stay_one_view(upload, settings) -> None:
     assert [view.posed.name for view in capture.views] == ["a.png", "b.png"]
     for view in capture.views:
         valid = valid_pixels(view)
-        made_room.check_shown(load_image(view), valid, view.posed.camera, poses[view.posed.name])
+        made_room.check_picture(load_image(view), valid, view.posed.camera, poses[view.posed.name])
         assert 0.5 < valid.mean() < 0.98, "the corners are outside of the image circle"
     assert any("one view" in warning for warning in capture.report.warnings)
 

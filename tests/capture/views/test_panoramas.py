@@ -98,7 +98,7 @@ def test_views_show_the_room_as_pinholes(room: Capture) -> None:
         name, face = view.posed.name.removesuffix(".jpg").split(".")
         pose = _PLACES[f"{name}.jpg"].copy()
         pose[:3, :3] = pose[:3, :3] @ FACES[face]
-        made_room.check_shown(load_image(view), valid_pixels(view), view.posed.camera, pose)
+        made_room.check_picture(load_image(view), valid_pixels(view), view.posed.camera, pose)
 
 
 def test_the_photographer_is_left_out(room: Capture) -> None:
