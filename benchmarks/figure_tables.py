@@ -1,7 +1,8 @@
 """The tables of figures in README and docs, written from `benchmarks/results/*.json`: `make figures`.
 
 A page has a region `<!-- figures: NAME -->` ... `<!-- end -->` for each table; what is between is replaced. Below a
-table stand the result files that it was made of, with their commits and dates.
+table stand the result files that it was made of, with their commits and dates and how many sources have changed since.
+The same of one result file is written into a paragraph, between `<!-- source: NAME -->` and `<!-- end -->`.
 """
 
 from __future__ import annotations
@@ -14,11 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.sources import changes_since, module_of
+
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 
-_REGION = re.compile(r"(<!-- figures: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_TABLE = re.compile(r"(<!-- figures: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_SOURCE = re.compile(r"(<!-- source: (\S+) -->).*?(<!-- end -->)")
 
 Row = Sequence[str]
 Document = Mapping[str, Any]
@@ -46,7 +50,8 @@ def write_tables(text: str, results: Path = RESULTS) -> str:
         KeyError: a region names no table, or a result file lacks a figure.
         OSError: a result file is missing.
     """
-    return _REGION.sub(lambda found: f"{found[1]}\n{render(TABLES[found[2]], results)}\n{found[3]}", text)
+    text = _TABLE.sub(lambda found: f"{found[1]}\n{render(TABLES[found[2]], results)}\n{found[3]}", text)
+    return _SOURCE.sub(lambda found: f"{found[1]}{_source(found[2], results)}{found[3]}", text)
 
 
 def render(table: Table, results: Path = RESULTS) -> str:
@@ -57,14 +62,17 @@ def render(table: Table, results: Path = RESULTS) -> str:
     """
     documents = [json.loads((results / f"{name}.json").read_text()) for name in table.files]
     lines = [table.head, ["---"] * len(table.head), *table.rows(*documents)]
-    said = "; ".join(_source(name, document) for name, document in zip(table.files, documents, strict=True))
+    said = "; ".join(_source(name, results) for name in table.files)
     return "".join(f"| {' | '.join(line)} |\n" for line in lines) + f"\n<sub>{said}</sub>\n"
 
 
-def _source(name: str, document: Document) -> str:
-    """Where the figures of one result file come from: its commits and dates."""
-    runs = sorted({(str(run["date"])[:10], run.get("commit", "commit not recorded")) for run in _runs(document)})
-    return f"`benchmarks/results/{name}.json`: " + ", ".join(f"{commit} ({day})" for day, commit in runs)
+def _source(name: str, results: Path) -> str:
+    """Where the figures of one result file come from: its commits, dates, and what changed since."""
+    text = (results / f"{name}.json").read_text()
+    module = module_of(name, text)
+    runs = {(run["date"][:10], run["commit"], changes_since(run, module)) for run in _runs(json.loads(text))}
+    said = ", ".join(f"{commit} ({day}; {changes})" for day, commit, changes in sorted(runs))
+    return f"`benchmarks/results/{name}.json`: {said}"
 
 
 def _runs(value: object) -> Iterator[Document]:

@@ -1,5 +1,5 @@
 """What every committed measurement says of itself: command, settings and what they were chosen on, machine, commit,
-date, seconds, and the load around it."""
+date, sources, seconds, and the load around it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+from benchmarks.sources import sources_of
 
 ROOT = Path(__file__).parents[1]
 DRAFT = os.environ.get("DRAFT", "")
@@ -48,9 +50,11 @@ def chosen_on(data: str, split: str) -> str:
 
 @dataclass(frozen=True)
 class Start:
-    """The moment before the first measurement: load average over the last minute, UTC, `time.monotonic`."""
+    """The moment before the first measurement: commit, its sources (see `benchmarks.sources`), load average over the
+    last minute, UTC, `time.monotonic`."""
 
     commit: str
+    sources: str
     load: float
     date: str
     clock: float
@@ -65,7 +69,10 @@ def begin() -> Start:
     measured = commit()
     if not DRAFT and (measured == "unknown" or measured.endswith(_CHANGES)):
         raise UncommittedError(measured)
-    return Start(measured, os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic())
+    sources = sources_of(_module())
+    return Start(
+        measured, sources, os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic()
+    )
 
 
 class UncommittedError(SystemExit):
@@ -79,8 +86,8 @@ class UncommittedError(SystemExit):
 
 
 def provenance(start: Start, *, settings: Mapping[str, Any] | argparse.Namespace, chosen_on: str) -> dict[str, Any]:
-    """command, settings, chosen_on, machine, commit, date, seconds, load_before and load_after of what was measured
-    since `start`, with settings or a script's options, whose paths are cut to their last part."""
+    """command, settings, chosen_on, machine, commit, date, sources, seconds, load_before and load_after of what was
+    measured since `start`, with settings or a script's options, whose paths are cut to their last part."""
     named = vars(settings) if isinstance(settings, argparse.Namespace) else settings
     return {
         "command": command(),
@@ -89,6 +96,7 @@ def provenance(start: Start, *, settings: Mapping[str, Any] | argparse.Namespace
         "machine": machine(),
         "commit": start.commit,
         "date": start.date,
+        "sources": start.sources,
         "seconds": round(time.monotonic() - start.clock, 1),
         "load_before": round(start.load, 2),
         "load_after": round(os.getloadavg()[0], 2),
@@ -161,10 +169,15 @@ def _plain(value: Any) -> Any:
 
 def command() -> str:
     """The command as typed, with absolute paths cut to their last part."""
-    spec = getattr(sys.modules["__main__"], "__spec__", None)
-    program = Path(sys.argv[0]).name if spec is None else f"-m {spec.name.removesuffix('.__main__')}"
+    program = f"-m {_module()}" if _module() else Path(sys.argv[0]).name
     words = [Path(word).name if word.startswith("/") else word for word in sys.argv[1:]]
     return " ".join(["python", program, *words])
+
+
+def _module() -> str:
+    """The name of the module that is the program; "" where it is a file."""
+    spec = getattr(sys.modules["__main__"], "__spec__", None)
+    return "" if spec is None else spec.name.removesuffix(".__main__")
 
 
 def machine() -> str:

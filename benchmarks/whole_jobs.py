@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from benchmarks.provenance import ROOT
@@ -38,7 +37,7 @@ def run_job(
     """Post files, by name, to a data folder for which a worker is started, and wait for the scene; `watch` is given the
     job about three times a second. Raises `SystemExit` where the job does not succeed."""
     worker = subprocess.Popen(
-        [Path(sys.executable).parent / "fastsplat", "worker"],
+        [sys.executable, "-m", "fastsplat.cli.main", "worker"],
         env={**os.environ, "FASTSPLAT_DATA_DIR": str(settings.data_dir)},
         cwd=ROOT,
         start_new_session=True,

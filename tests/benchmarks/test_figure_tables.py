@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.figure_tables import PAGES, RESULTS, TABLES, render, write_tables
 from benchmarks.rooms.__main__ import mean_of
+from benchmarks.sources import module_of, sources_of
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -20,9 +21,22 @@ def test_the_tables_of_a_page_are_those_of_the_result_files(page: Path) -> None:
 
 def test_every_table_stands_in_a_page_and_every_region_is_closed() -> None:
     text = "".join(page.read_text() for page in PAGES)
-    named = re.findall(r"<!-- figures: (\S+) -->", text)
-    assert set(named) == set(TABLES)
+    named = re.findall(r"<!-- (figures|source): (\S+) -->", text)
+    assert {name for kind, name in named if kind == "figures"} == set(TABLES)
     assert len(named) == text.count("<!-- end -->")
+    outside = re.sub(r"<!-- (figures|source): .*?<!-- end -->", "", text, flags=re.DOTALL)
+    assert not re.findall(r"benchmarks/results/\w+\.json", outside), "without what changed since: <!-- source: NAME -->"
+
+
+def test_every_row_of_a_quoted_file_has_a_commit_and_a_date_and_its_benchmark_is_here() -> None:
+    quoted = set(re.findall(r"benchmarks/results/(\w+)\.json", "".join(page.read_text() for page in PAGES)))
+    for name in sorted(quoted):
+        document = json.loads(text := (RESULTS / f"{name}.json").read_text())
+        rows = document.get("rows", document)
+        for row in [document] if "date" in document else rows.values() if isinstance(rows, dict) else rows:
+            about = row.get("provenance", row)
+            assert re.fullmatch(r"[0-9a-f]{12} \d{4}-\d\d-\d\d", f"{about['commit']} {about['date'][:10]}"), name
+        assert sources_of(module_of(name, text)), name
 
 
 def test_a_page_follows_its_result_file(tmp_path: Path) -> None:

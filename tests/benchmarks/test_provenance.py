@@ -34,7 +34,8 @@ def test_a_measurement_names_where_it_comes_from_and_what_its_settings_were_chos
     options = argparse.Namespace(out=tmp_path / "out.json", seconds=[1.5], deep={"folder": tmp_path / "a"}, only=("b",))
     about = provenance(begin(), settings=options, chosen_on="nothing")
     assert set(about) == {
-        "command", "settings", "chosen_on", "machine", "commit", "date", "seconds", "load_before", "load_after",
+        "command", "settings", "chosen_on", "machine", "commit", "date", "sources", "seconds",
+        "load_before", "load_after",
     }  # fmt: skip
     assert about["settings"] == {"out": "out.json", "seconds": [1.5], "deep": {"folder": "a"}, "only": ["b"]}
     assert about["chosen_on"] == "nothing" and about["seconds"] >= 0
