@@ -49,7 +49,7 @@ BENCHMARKS = {
     "naming": Benchmark("a person's time to name twelve drawn rooms whole by what a captioner suggests", _MODELS),
     "objects": Benchmark("objects without a vocabulary", _TEST),
     "page": Benchmark("the web page: load time, bytes, frames a second, from Enter to glow, without WebGL"),
-    "published": Benchmark("the paper's scenes (FOLDER of LERF-OVS or 3D-OVS), beside its figures"),
+    "published": Benchmark("scenes of LERF-OVS, LERF-Mask, 3D-OVS or Mip-NeRF 360 (FOLDER), beside papers' figures"),
     "questions": Benchmark("scenes as the product trains them, asked what their photos show (--scenes FOLDER)"),
     "raster": Benchmark("rasterizer and training step", ("--peers", "benchmarks/results/peers.json")),
     "reads": Benchmark("words printed on objects in drawn rooms, read in photos (--split test: other rooms)"),

@@ -1,1 +1,1 @@
-"""The paper's own data sets: its figures beside those of this product."""
+"""Data sets of papers: their figures beside those of this product."""

@@ -33,7 +33,7 @@ def test_every_container_is_named_bounded_and_its_log_rotated(compose: dict[str,
         assert re.search(r":[^:]*\d", service["image"]), name
         assert service["mem_limit"] and 0 < service["pids_limit"] <= 4096, name
         assert service["logging"]["options"].keys() == {"max-size", "max-file"}, name
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    version = tomllib.loads((ROOT / "client/pyproject.toml").read_text())["project"]["version"]
     for name in (*OURS, "models"):
         assert compose["services"][name]["env_file"] == ["fastsplat.env"]
         assert compose["services"][name]["image"] == f"fastsplat/{name}:${{IMAGE_VERSION:-{version}}}"

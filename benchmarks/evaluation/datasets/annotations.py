@@ -1,9 +1,10 @@
-"""Open-vocabulary masks of single frames, as LERF-OVS and 3D-OVS ship them.
+"""Open-vocabulary masks of single frames, as LERF-OVS, LERF-Mask and 3D-OVS ship them.
 
 The layouts are those that public loaders of the sets expect: of LERF-OVS `eval_gt_lerfdata` in LangSplat's
 `eval/evaluate_iou_loc.py` (github.com/minghanqin/LangSplat, commit 26ed214), of 3D-OVS `LLFFDataset` in
 `dataLoader/llff.py` (github.com/Kunhao-Liu/3D-OVS, commit 80e512c) and `eval_gt_3dovsdata` in Occam's LGS'
-`eval/evaluate_iou_3dovs.py` (read in github.com/Shu1L0n9/OccamLGS, commit 70d2e69). Two objects differ. LangSplat's
+`eval/evaluate_iou_3dovs.py` (read in github.com/Shu1L0n9/OccamLGS, commit 70d2e69), of LERF-Mask `readColmapSceneInfo`
+and `script/eval_lerf_mask.py` of github.com/lkeab/gaussian-grouping, commit 296898a. Two things differ. LangSplat's
 loader finds the image of a frame by the number in its name, as a position; here it is the image of that name. And
 boxes are the tightest around the polygons, not the file's `bbox`, which need not survive a lens' correction.
 """
@@ -52,7 +53,8 @@ class Annotations:
         kind: where the format comes from.
         texts: every text, in the data set's order.
         frames: by the frame's name, which is its image's name without extension; of 3D-OVS it may be the position of
-            its image among all, from 0, where no image has such a name.
+            its image among all, from 0, where no image has such a name; of LERF-Mask it is the position of its image
+            among those that are not in `images_train`.
         notes: what was left aside, as sentences for people.
     """
 
@@ -63,8 +65,9 @@ class Annotations:
 
 
 def find_annotations(folder: Path, settings: CaptureSettings) -> Annotations | None:
-    """LERF-OVS: `label/<scene>/<frame>.json` beside the scene's folder (or `label/<frame>.json` in it); 3D-OVS:
-    `segmentations/classes.txt` and `segmentations/<frame>/<label>.png`. None when there is neither.
+    """LERF-OVS: `label/<scene>/<frame>.json` beside the scene's folder (or `label/<frame>.json` in it); LERF-Mask:
+    `test_mask/<frame>/<text>.png`; 3D-OVS: `segmentations/classes.txt` and `segmentations/<frame>/<label>.png`. None
+    when there is none of them.
 
     Raises:
         InvalidInputError: the annotations are malformed; the message names the file.
@@ -74,6 +77,8 @@ def find_annotations(folder: Path, settings: CaptureSettings) -> Annotations | N
         frames = sorted(labels.glob("*.json"))
         if frames:
             return _lerf_ovs(frames, settings)
+    if (folder / "test_mask").is_dir():
+        return _lerf_mask(folder, settings)
     if (folder / "segmentations" / "classes.txt").is_file():
         return _three_d_ovs(folder, settings)
     return None
@@ -151,6 +156,23 @@ def _filled(polygon: NDArray[np.float64], width: int, height: int) -> NDArray[np
     # Coordinates count from the image's corner; OpenCV's from the first pixel's centre.
     cv2.fillPoly(mask, [np.round(polygon - 0.5).astype(np.int32)], 1)
     return mask.astype(np.bool_)
+
+
+def _lerf_mask(folder: Path, settings: CaptureSettings) -> Annotations:
+    frames = {
+        frame.name: tuple(
+            Annotation(path.stem.strip(), _one_mask(folder, path.relative_to(folder).as_posix(), settings))
+            for path in sorted(frame.glob("*.png"))
+        )
+        for frame in sorted((folder / "test_mask").iterdir())
+        if frame.is_dir()
+    }
+    texts = sorted({annotation.text for frame in frames.values() for annotation in frame})
+    if not texts:
+        raise InvalidInputError(
+            "test_mask/ has no masks", field="test_mask", hint="Write test_mask/<frame>/<text>.png."
+        )
+    return Annotations("lerf_mask", tuple(texts), frames)
 
 
 def _three_d_ovs(folder: Path, settings: CaptureSettings) -> Annotations:

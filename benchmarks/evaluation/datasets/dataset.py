@@ -15,7 +15,7 @@ from fastsplat.service.common.dictionary import Dictionary
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import PosedCamera
 
-Kind = Literal["nerfstudio", "colmap", "lerf_ovs", "3d_ovs"]
+Kind = Literal["nerfstudio", "colmap", "lerf_ovs", "lerf_mask", "3d_ovs"]
 
 
 @dataclass(frozen=True)

@@ -41,9 +41,9 @@ def read_dataset(
     trains for minutes.
 
     Layouts: a `transforms.json` with label maps, depth maps and a split, as far as it has them; a COLMAP model with
-    images (and `labels.json` + `labels/*.png`, or `masks/*.png` with `mask_label`); LERF-OVS; 3D-OVS. The test views
-    are those that the folder names; else those that are annotated, which are then never trained on; else every
-    `test_every`-th by name, from the first on (the custom of Mip-NeRF 360 and 3DGS).
+    images (and `labels.json` + `labels/*.png`, or `masks/*.png` with `mask_label`); LERF-OVS, LERF-Mask and 3D-OVS. The
+    test views are those that the folder names; else those that are annotated, which are then never trained on; else
+    every `test_every`-th by name, from the first on (the custom of Mip-NeRF 360 and 3DGS).
 
     Args:
         folder: the data set; nothing in it is changed.
@@ -99,6 +99,10 @@ def _annotated(
     photos = _photo_paths(layout)
     if annotations.kind == "3d_ovs" and not set(annotations.frames) & {_stem(path) for path in photos}:
         by_stem = _by_position(photos, by_stem)
+    if annotations.kind == "lerf_mask":
+        trained = {path.stem for path in (layout.root / "images_train").glob("*")}
+        tested = sorted(by_stem.keys() - trained)
+        by_stem |= {str(position): by_stem[stem] for position, stem in enumerate(tested)}
     plain = replace(layout, labels=None, label_maps={})
     annotated = {by_stem[stem].name for stem in annotations.frames if stem in by_stem}
     train, measured = _divided(layout, names, annotated | set(layout.poses.test_names), split)

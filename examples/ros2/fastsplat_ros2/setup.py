@@ -4,7 +4,7 @@ from setuptools import setup
 
 setup(
     name="fastsplat_ros2",
-    version="0.1.0",
+    version="0.2.0",
     description="A FAST-Splat scene as ROS 2 topics, transforms and a service.",
     license="Apache-2.0",
     packages=["fastsplat_ros2"],

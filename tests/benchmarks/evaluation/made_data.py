@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pycolmap
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -170,6 +171,45 @@ def three_d_ovs(folder: Path, count: int, annotated: Sequence[str], *, stems: Se
             mask = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
             mask[10:30, 5 + 20 * number : 20 + 20 * number] = 255 * (number < 2)
             save(mask, folder / f"segmentations/{frame}/{label}.png")
+    return folder
+
+
+def lerf_mask(folder: Path, train: int, tests: int) -> Path:
+    """`test_mask/<position>/<text>.png`, of images that are not in `images_train`, and the folders beside these."""
+    colmap(folder, [*(f"frame_{number:05d}" for number in range(1, train + 1)), *(f"test_{i}" for i in range(tests))])
+    for image in (folder / "images").glob("frame_*"):
+        save(np.zeros((CAMERA.height, CAMERA.width), np.uint8), folder / "object_mask" / image.name)
+        (folder / "images_train").mkdir(exist_ok=True)
+        (folder / "images_train" / image.name).write_bytes(image.read_bytes())
+    for position in range(tests):
+        for number, label in enumerate(LABELS[:2]):
+            mask = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
+            mask[10:30, 5 + 20 * number : 20 + 20 * number + position] = 255
+            save(mask, folder / f"test_mask/{position}/{label}.png")
+    return folder
+
+
+def mip_nerf_360(folder: Path, count: int) -> Path:
+    """`images`, its reduced copies `images_2` and so on, a binary model and `poses_bounds.npy`."""
+    colmap(folder, [f"DSC{number:05d}" for number in range(count)])
+    model = pycolmap.Reconstruction(folder / "sparse/0")
+    for text in (folder / "sparse/0").iterdir():
+        text.unlink()
+    model.write_binary(folder / "sparse/0")
+    for image in (folder / "images").iterdir():
+        for factor in (2, 4, 8):
+            save(np.asarray(Image.open(image).reduce(factor)), folder / f"images_{factor}" / image.name)
+    return with_poses_bounds(folder, poses(count))
+
+
+def with_poses_bounds(folder: Path, matrices: Sequence[NDArray[np.float64]], camera: Camera = CAMERA) -> Path:
+    """The cameras in LLFF's file: columns down, right, backward, position, and the picture's size and focal length."""
+    rows = []
+    for pose in matrices:
+        right, down, forward, position = pose[:3].T
+        matrix = np.stack([down, right, -forward, position, [camera.height, camera.width, camera.fx]], axis=1)
+        rows.append([*matrix.ravel(), 0.5, 9.0])
+    np.save(folder / "poses_bounds.npy", rows)
     return folder
 
 

@@ -71,28 +71,6 @@ def test_a_missing_prediction_lowers_every_figure(dataset: Dataset) -> None:
     assert less["miou_views"] == pytest.approx(5 / 6) == less["localization"]
 
 
-@pytest.mark.parametrize("more", [0, 2_000])
-def test_a_scene_of_no_label_or_of_very_many_is_scored(dataset: Dataset, more: int) -> None:
-    scene = made_data.scene()
-    names = (*made_data.LABELS, *(f"kind {number}" for number in range(more))) if more else ()
-    labels = dictionary_of(names)
-    codes = scene.gaussians.codes if more else np.zeros((3, 0), np.float32)
-    weight = np.zeros((len(names) + 1, codes.shape[1]), np.float32)
-    weight[:4] = scene.head.weight[: len(weight)] if more else weight[:4]
-    bias = np.full(len(names) + 1, -9, np.float32)
-    bias[:4] = 0
-    bias[0] = 4
-    variant = replace(
-        scene,
-        gaussians=replace(scene.gaussians, codes=codes),
-        head=replace(scene.head, weight=weight, bias=bias),
-        dictionary=labels,
-        label_embeddings=np.resize(scene.label_embeddings, (len(names), scene.label_embeddings.shape[1])),
-    )
-    few = replace(dataset, test=dataset.test[:1])
-    assert _figures(made_data.index(variant), few)["miou"] == (1 if more else 0)
-
-
 def test_pixels_that_do_not_count_do_not_count(dataset: Dataset) -> None:
     index = _renamed((made_data.LABELS[0], made_data.LABELS[2], made_data.LABELS[1]))
     left = tuple(replace(view, valid=np.broadcast_to(np.arange(64) < 22, (48, 64))) for view in dataset.test)

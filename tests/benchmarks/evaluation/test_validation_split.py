@@ -65,17 +65,6 @@ def test_validation_views_are_spread_over_the_path_and_lie_inside_it() -> None:
     assert len(rows) == 6 and gaps.max() <= 8 and rows[0] > 0 and rows[-1] < 29
 
 
-def test_a_turning_camera_is_spread_over_its_directions() -> None:
-    """All cameras stand at one place."""
-    poses = []
-    for angle in np.linspace(0, np.pi, 20):
-        pose = np.eye(4)
-        pose[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
-        poses.append(pose)
-    rows = [_names(20).index(name) for name in validation_names(_names(20), poses)]
-    assert np.diff([-1, *rows, 20]).max() <= 8
-
-
 def test_views_that_cannot_be_split_are_refused() -> None:
     for names, poses in ((_names(3), _ring(3)), (["a", "a", "b", "c"], _ring(4)), (_names(5), _ring(4))):
         with pytest.raises(InvalidInputError, match="split"):
