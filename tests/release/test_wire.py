@@ -31,6 +31,10 @@ def _box(document: Any) -> Any:
         (True, lambda document: _box(document)["properties"].pop("size")),
         (True, lambda document: _box(document)["properties"]["size"].update({"$ref": "#/components/schemas/Pose"})),
         (True, lambda document: _box(document)["required"].append("fill")),
+        (
+            True,
+            lambda document: document["paths"]["/v1/estimate"]["get"]["parameters"][1]["schema"].update(type="string"),
+        ),
         (False, lambda document: _box(document)["properties"].update(fill={"type": "number"})),
         (False, lambda document: _box(document).update(description="A box.")),
         (False, lambda document: document["paths"]["/v1/scenes"].pop("get")),  # deprecated before
