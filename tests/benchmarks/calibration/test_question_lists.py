@@ -5,11 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 
-import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
-
 from benchmarks.absence.questions import (
     ABSENT,
     COMPOUNDS,
@@ -23,7 +18,6 @@ from benchmarks.absence.questions import (
 )
 from benchmarks.calibration.folds import folds_of, twin_groups
 from benchmarks.calibration.lists import read_scenes
-from benchmarks.calibration.separation import equal_loss
 from benchmarks.evaluation.negative_nouns import negative_nouns
 from fastsplat.service.common.dictionary import dictionary_of, label_key
 
@@ -80,20 +74,3 @@ def test_dictionaries_that_share_labels_are_in_one_fold() -> None:
     folds, groups = folds_of(scenes, 4), twin_groups(scenes)
     assert len(set(zip(groups, folds, strict=True))) == len(set(groups)) and set(folds) == {0, 1, 2, 3}
     assert max(Counter(folds).values()) - min(Counter(folds).values()) <= 2
-
-
-@given(
-    arrays(np.float64, st.integers(1, 40), elements=st.floats(0, 1)),
-    arrays(np.float64, st.integers(1, 40), elements=st.floats(0, 1)),
-)
-def test_equal_loss_loses_as_much_as_it_lets_in(present: np.ndarray, absent: np.ndarray) -> None:
-    """Up to one score of either side, and what is tied with it."""
-    threshold = equal_loss(present, absent)
-    scores = np.unique(np.concatenate([present, absent]))
-
-    def excess(at: float) -> float:
-        return float((present < at).mean() - (absent >= at).mean())
-
-    below, above = scores[scores < threshold], scores[scores >= threshold]
-    assert not len(below) or excess(below[-1]) <= 0 or excess(threshold) >= 0
-    assert not len(above) or excess(np.nextafter(above[0], np.inf)) >= 0
