@@ -25,6 +25,7 @@ from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.training.depth_regularization import depth_spread
 from fastsplat.service.splatting.training.train import train
 from fastsplat.service.splatting.training_settings import TrainingSettings
+from fastsplat.service.splatting.training_views import squared_depths
 from fastsplat.workers.kinds.create_scene import load_trained, save_trained
 from tests.trained_scenes import trained
 

@@ -13,6 +13,7 @@ import pytest
 
 from fastsplat.api.examples.example_parameters import IDS
 from fastsplat.api.rest import openapi
+from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import CaptionerSettings, Settings
 from tests.api.made_scene import OBSERVED, PLAIN_PNG, add_known_name, add_scene
@@ -54,14 +55,15 @@ def _examples(content: dict[str, Any]) -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("name", _OPERATIONS)
-def test_everything_that_is_not_plain_bytes_has_examples_of_its_schema(name: str) -> None:
+def test_all_that_is_sent_and_each_refusal_have_examples_of_their_schema(name: str) -> None:
     operation = _OPERATIONS[name][2]
     for parameter in operation.get("parameters", ()):
         _valid(parameter["example"], parameter["schema"])
     answers = [response.get("content", {}) for response in operation["responses"].values()]
-    for contents in (operation.get("requestBody", {}).get("content", {}), *answers):
+    refusals = [{PROBLEM: content[PROBLEM]} for content in answers if PROBLEM in content]
+    for contents in (operation.get("requestBody", {}).get("content", {}), *refusals):
         for media_type, content in contents.items():
-            if media_type not in _WITHOUT_CONTENT and content["schema"].get("format") != "binary":
+            if media_type not in _WITHOUT_CONTENT:
                 values = list(_examples(content))
                 assert values, media_type
                 for value in values:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.api.examples.scene_examples import OBJECTS
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.photos.scene_photos import photo_path
@@ -174,7 +172,7 @@ def test_pages_by_number_miss_nothing_that_stays(numbers: list[int], size: int, 
 def test_lines_of_all_objects_are_told_once_the_likeliest_first_and_not_without_end() -> None:
     def obj(number: int, *reads: tuple[ReadKind, str, float]) -> SceneObject:
         object_reads = tuple(ObjectRead(kind, text, probability, 2) for kind, text, probability in reads)
-        return replace(OBJECTS.objects[0], id=number, reads=object_reads)
+        return SceneObject(number, "mug", "person", 1.0, (), "object", "", 1.0, 10, None, True, reads=object_reads)
 
     poster = obj(1, ("text", "everything cat", 0.9), ("qr", "https://a.example", 1.0))
     box = obj(2, ("text", "OAT MILK", 0.7), ("text", "everything cat", 0.6), ("tag", "12", 1.0))

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from fastsplat.api.examples.scene_examples import ANSWERS
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.language.sentences.history_answers import _MOST_TOLD, HistoryAnswers
 from fastsplat.service.query.language.sentences.time_questions import time_question
@@ -52,7 +51,7 @@ def _answers(days: _Days, **observed: Any) -> HistoryAnswers:
 
 
 def _found(obj: int = _MUG) -> Answer:
-    return replace(ANSWERS.answers[0], object_ids=(obj,), outcome="here", sentence="Here.", matches=())
+    return Answer("s", "mug", 0.97, (1,), 0.9, "1", 2, 0, (), (), object_ids=(obj,), outcome="here", sentence="Here.")
 
 
 def _answer_on(days: _Days, text: str, **observed: Any) -> Answer:
