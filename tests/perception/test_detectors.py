@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from fastsplat.service.perception.box_ops import box_iou
-from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.perception.detectors import open_detectors
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.detectors.picodet import PicoDet
@@ -33,11 +32,6 @@ def _true_box(test_data: Path, label: str, view: str) -> np.ndarray:
 
 def _best(detections: Detections, label: str) -> np.ndarray:
     return detections.boxes[[name == label for name in detections.labels]][0]
-
-
-def test_coco_has_eighty_different_classes() -> None:
-    assert len(set(COCO_80)) == 80
-    assert all(name == name.strip() and "\n" not in name for name in COCO_80)
 
 
 def test_picodet_finds_the_doll_and_the_bed(test_data: Path, models_dir: Path) -> None:
