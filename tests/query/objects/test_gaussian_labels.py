@@ -11,7 +11,6 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.objects.labeled_objects import label_gaussians
 from fastsplat.service.scene.artefact.scene import Evidence, Scene, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, no_evidence
-from fastsplat.service.splatting.raster import share_maps
 from fastsplat_contract.geometry.camera import PosedCamera
 from tests.query.conftest import make_scene, plain_index_of
 from tests.scenes import labelled_scene
@@ -118,23 +117,3 @@ def test_ten_thousand_labels(front: PosedCamera, evidence: bool) -> None:
     assert set(np.unique(index.label_map(front)).tolist()) == {0, 1, 5000, 10_000}
     (answer,) = index.ask(["object 9999x"])
     assert answer.relevant_ids == (10_000,) and index.mask2d(answer, front).mask.any()
-
-
-def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
-    front: PosedCamera, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    labels = [f"object {number}x" for number in range(12)]
-    scene = make_scene(labels=labels, per_label=4)
-    rng = np.random.default_rng(3)
-    rows, names = np.nonzero(rng.random((52, 13)) < 0.5)
-    counts = rng.integers(1, 5 * UNIT, len(rows))
-    counts[rng.random(len(rows)) < 0.3] = UNIT  # some ties
-    scene = replace(scene, evidence=evidence_of(rows, names, counts, 52))
-    at_once = plain_index_of(scene)
-    expected = at_once.label_map(front), at_once.mask2d(at_once.ask(["object 3x"])[0], front)
-    monkeypatch.setattr(share_maps, "_CHANNELS", 5)
-    in_pieces = plain_index_of(scene)
-    np.testing.assert_array_equal(expected[0], in_pieces.label_map(front))
-    seen = in_pieces.mask2d(in_pieces.ask(["object 3x"])[0], front)
-    np.testing.assert_array_equal(expected[1].mask, seen.mask)
-    np.testing.assert_allclose(expected[1].relevancy, seen.relevancy, atol=1e-6)
