@@ -15,7 +15,6 @@ from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dic
 from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.label_maps.vocabulary import (
     build_labelling,
-    labelling_from_maps,
     merge_synonyms,
     name_confidence,
     synonyms,
@@ -146,21 +145,6 @@ def test_the_confidence_of_votes_reaches_the_dictionary() -> None:
     maps, regions = zip(_region(2, (2, 0.25)), _region(1, (1, 0.75)), strict=True)
     labelling = build_labelling(["cup", "bed"], maps, {}, min_pixels=1, regions=regions)
     assert {entry.label: entry.confidence for entry in labelling.dictionary.entries} == {"cup": 0.75, "bed": 0.25}
-
-
-def test_names_that_came_with_the_maps_are_sure() -> None:
-    labelling = labelling_from_maps(dictionary_of(["wall", "cup"]), [np.array([[1]], np.uint16)])
-    assert [entry.confidence for entry in labelling.dictionary.entries] == [1.0, 1.0]
-
-
-def test_given_dictionaries_keep_their_order_and_unused_names() -> None:
-    labelling = labelling_from_maps(dictionary_of(["wall", "cup", "lamp"]), [np.array([[3, 3, 1]], np.uint16)])
-    assert [(e.label, e.pixels, e.views) for e in labelling.dictionary.entries] == [
-        ("wall", 1, 1), ("cup", 0, 0), ("lamp", 2, 1),
-    ]  # fmt: skip
-    assert labelling.exact
-    with pytest.raises(InvalidInputError, match="id 9"):
-        labelling_from_maps(dictionary_of(["wall"]), [np.array([[9]], np.uint16)])
 
 
 def _detections(*rows: tuple[str, tuple[float, ...]]) -> Detections:

@@ -213,15 +213,16 @@ def test_a_missing_model_stops_it_at_once(test_data: Path, models_dir: Path, tmp
 def given_capture(tmp_path: Path) -> Any:
     for name in ("a.png", "b.png"):
         cv2.imwrite(str(tmp_path / name), np.zeros((4, 6, 3), np.uint8))
-    cv2.imwrite(str(tmp_path / "map.png"), np.array([[0, 1, 2, 2, 2, 2]] * 4, np.uint16))
-    given = GivenLabels(dictionary_of(["wall", "lamp"]), (tmp_path / "map.png", None))
+    cv2.imwrite(str(tmp_path / "map.png"), np.array([[0, 1, 3, 3, 3, 3]] * 4, np.uint16))
+    given = GivenLabels(dictionary_of(["wall", "cup", "lamp"]), (tmp_path / "map.png", None))
     return make_capture([tmp_path / "a.png", tmp_path / "b.png"], given)
 
 
 def test_given_labels_need_no_model(given_capture: Any, tmp_path: Path) -> None:
     labelling = label_capture(given_capture, _SETTINGS, tmp_path / "no models", [], silent)
-    assert [(e.label, e.pixels, e.views) for e in labelling.dictionary.entries] == [("wall", 4, 1), ("lamp", 16, 1)]
-    np.testing.assert_array_equal(labelling.label_maps[0], [[0, 1, 2, 2, 2, 2]] * 4)
+    found = [(entry.label, entry.pixels, entry.views, entry.confidence) for entry in labelling.dictionary.entries]
+    assert found == [("wall", 4, 1, 1.0), ("cup", 0, 0, 1.0), ("lamp", 16, 1, 1.0)] and labelling.exact
+    np.testing.assert_array_equal(labelling.label_maps[0], [[0, 1, 3, 3, 3, 3]] * 4)
     assert labelling.label_maps[1].shape == (4, 6) and not labelling.label_maps[1].any()
 
 
@@ -235,9 +236,9 @@ def test_given_labels_are_seen_at_once(given_capture: Any, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("fault", ["size", "id"])
 def test_given_labels_that_do_not_fit_are_refused(given_capture: Any, tmp_path: Path, fault: str) -> None:
-    wrong = np.full((4, 5), 1, np.uint16) if fault == "size" else np.full((4, 6), 3, np.uint16)
+    wrong = np.full((4, 5), 1, np.uint16) if fault == "size" else np.full((4, 6), 4, np.uint16)
     cv2.imwrite(str(tmp_path / "map.png"), wrong)
-    with pytest.raises(InvalidInputError, match=r"\(4, 5\)" if fault == "size" else "id 3"):
+    with pytest.raises(InvalidInputError, match=r"\(4, 5\)" if fault == "size" else "id 4"):
         label_capture(given_capture, _SETTINGS, tmp_path, [], silent)
 
 
