@@ -17,7 +17,6 @@ from fastsplat.service.perception.segmenters.mask_proposals import (
     MaskProposals,
     boxes_to_prompt,
     distinct_proposals,
-    joined_proposals,
     sure_proposals,
 )
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
@@ -91,12 +90,6 @@ def test_distinct_proposals_are_no_doubles_and_lose_nothing(squares: list[tuple[
     for mask, quality in zip(before, proposals.quality, strict=True):
         better = after[distinct.quality >= quality]
         assert any((mask == other_mask).all() or overlap(mask, other_mask) > 0.7 for other_mask in better)
-
-
-def test_joined_proposals_are_those_of_all_rounds() -> None:
-    first, second = _proposals([_square(0, 0, 5)], [0.9]), _proposals([_square(9, 9, 5)], [0.8])
-    together = joined_proposals([first, second])
-    assert (together.masks(32, 32) == np.concatenate([first.masks(32, 32), second.masks(32, 32)])).all()
 
 
 def test_masks_come_back_at_any_size_of_the_image() -> None:
