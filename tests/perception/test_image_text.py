@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from fastsplat.service.perception.image_text import ClipImageText, find_image_text, open_image_text
@@ -27,18 +26,6 @@ def models(tmp_path: Path) -> Path:
 @pytest.fixture
 def model(models: Path) -> ClipImageText:
     return open_image_text(_SETTINGS, models)
-
-
-def test_what_a_mask_covers_is_nearest_to_the_text_that_says_it(model: ClipImageText) -> None:
-    picture = np.full((60, 80, 3), (122, 116, 104), np.uint8)
-    picture[10:30, 10:30], picture[10:30, 50:70] = (220, 20, 20), (20, 20, 220)
-    mask, other_mask = np.zeros((2, *picture.shape[:2]), np.bool_)
-    mask[10:30, 10:30] = other_mask[10:30, 50:70] = True
-    (looks,) = model.embed(picture, [mask])
-    red, blue = model.encode(["the red shiny one", "something blue"])
-    assert looks.shape == (3,) and np.linalg.norm(looks) == pytest.approx(1, abs=1e-5)
-    assert looks @ red > 0.9 > looks @ blue
-    assert model.embed(picture, [other_mask])[0] @ blue > 0.9
 
 
 def test_none_is_opened_where_the_settings_name_none_and_a_wrong_name_is_said(models: Path) -> None:
