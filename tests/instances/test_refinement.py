@@ -104,14 +104,6 @@ def test_pixels_without_content_say_nothing_and_owners_stay(room: Room, tmp_path
     assert (posterior(evidence, 5).classes - 1 == owners).all()
 
 
-def test_the_same_input_gives_the_same_counts(room: Room) -> None:
-    owners, shares = room.owner.astype(np.int32), np.ones(len(room.owner), np.float32)
-    first, second = (
-        refined_membership(owners, shares, room.gaussians, _views(room), shares, SETTINGS) for _ in range(2)
-    )
-    assert (first.labels == second.labels).all() and (first.counts == second.counts).all()
-
-
 def test_nobody_owns_nothing(room: Room) -> None:
     owners, shares = np.full(len(room.owner), NOBODY, np.int32), np.zeros(len(room.owner), np.float32)
     evidence = refined_membership(owners, shares, room.gaussians, _views(room), shares, SETTINGS)
