@@ -154,15 +154,6 @@ def test_where_gradients_are_taken_there_is_no_median_depth_and_of_nothing_all_i
             assert bool(torch.isfinite(getattr(alone, name)).all()), name
 
 
-def test_broken_rows_are_left_out_before_gsplat_sees_them(gsplat_on_cpu: object) -> None:
-    view = moderate()
-    features, means = view.splats.features.clone(), view.splats.means.clone()
-    features[7, 2], means[20, 0] = float("nan"), float("inf")
-    rendering = render(view.with_splats(features=features, means=means), "cuda")
-    assert rendering.culled_non_finite == 2 and bool(torch.isfinite(rendering.image).all())
-    assert int(rendering.radii[7]) == 0 and int(rendering.radii[20]) == 0
-
-
 def test_no_gaussians_leave_the_background_and_gradients_of_zero(gsplat_on_cpu: object) -> None:
     view = crowded(2, count=0)
     rendering, gradients = render_with_gradients(view, "cuda", torch.float32)
