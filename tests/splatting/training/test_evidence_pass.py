@@ -141,13 +141,3 @@ def test_maps_that_do_not_fit_are_refused(trained: TrainedSplats, world: World) 
     ):
         with pytest.raises(InvalidInputError):
             view_evidence(trained.gaussians, posed, labels, CLASSES, valid=valid)
-
-
-def test_views_that_contradict_each_other_are_counted_as_they_are(trained: TrainedSplats, world: World) -> None:
-    posed = world[0].views[0].posed
-    shape = world[1].label_maps[0].shape
-    ones_evidence, twos = (view_evidence(trained.gaussians, posed, np.full(shape, n), CLASSES) for n in (1, 2))
-    found = posterior(merged([ones_evidence, twos, twos]), CLASSES)
-    seen = seen_pixels(ones_evidence) > 20
-    assert seen.any() and (found.classes[seen] == 2).all()
-    np.testing.assert_allclose(found.confidence[seen], 2 / 3, atol=0.02)
