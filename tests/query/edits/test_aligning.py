@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.similarity import Similarity
 from fastsplat.service.query.drawing.scene_renderer import Renderer
-from fastsplat.service.query.edits.aligning import align_scene, fit_pairs, placed_gaussians
+from fastsplat.service.query.edits.aligning import align_scene, fit_pairs
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.frames import frame_of, scaled
@@ -103,19 +103,6 @@ def test_a_camera_that_goes_along_sees_the_same() -> None:
     assert aligned.scale == "METRIC" and aligned.scaling is not None
     assert aligned.scaling.meters_per_unit == pytest.approx(_TRUE.scale)
     assert np.allclose(frame_of(aligned).points(scene.gaussians.means), aligned.gaussians.means, atol=1e-5)
-
-
-def test_there_and_back_is_the_scene_as_it_was() -> None:
-    scene = _scene()
-    there = placed_gaussians(scene.gaussians, _TRUE)
-    back = placed_gaussians(there, _TRUE.inverse())
-    assert np.allclose(back.means, scene.gaussians.means, atol=1e-5)
-    assert np.allclose(back.sh, scene.gaussians.sh, atol=1e-5)
-    assert np.allclose(back.log_scales, scene.gaussians.log_scales, atol=1e-5)
-    assert np.allclose(np.abs((back.quats * scene.gaussians.quats).sum(axis=1)), 1, atol=1e-5)
-    whole = _TRUE.inverse().after(_TRUE)
-    assert whole.scale == pytest.approx(1) and np.allclose(whole.rotation, np.eye(3))
-    assert np.allclose(whole.translation, 0)
 
 
 def test_a_metric_scene_keeps_its_lengths() -> None:
