@@ -229,6 +229,11 @@ def test_a_plate_on_a_table_does_not_spread_over_the_table() -> None:
     assert (joined[ring] == 0).all() and (joined[plate_rows] == 1).all()
 
 
+def test_nothing_from_nothing() -> None:
+    selection = select_objects([], gaussians_at(grid(1, 1, 0.2)), np.ones(25, np.float32), SETTINGS)
+    assert selection.objects == () and (selection.owners == NOBODY).all()
+
+
 def test_surfaces_are_named_by_gravity() -> None:
     level, upright = Plane(UP, 0.0, 0.01), Plane(np.array([1.0, 0.0, 0.0]), 0.0, 0.01)
     surfaces = {0: level, 1: level, 2: level, 3: upright, 4: Plane(np.array([0.0, 0.7, 0.714]), 0.0, 0.01)}

@@ -103,6 +103,7 @@ def test_a_camera_that_goes_along_sees_the_same() -> None:
     assert aligned.scale == "METRIC" and aligned.scaling is not None
     assert aligned.scaling.meters_per_unit == pytest.approx(_TRUE.scale)
     assert np.allclose(frame_of(aligned).points(scene.gaussians.means), aligned.gaussians.means, atol=1e-5)
+    assert np.allclose(frame_of(aligned).inverse().points(aligned.gaussians.means), scene.gaussians.means, atol=1e-5)
 
 
 def test_a_metric_scene_keeps_its_lengths() -> None:
