@@ -315,15 +315,3 @@ def test_a_thousand_objects_are_named_at_once() -> None:
     named = edited(index, name(list(range(1, count)), "post"))
     (answer,) = named.ask(["post"])
     assert answer.object_ids == tuple(range(1, count)) and named.mask3d(answer).sum() == 4 * (count - 1)
-
-
-def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(discovered: Scene) -> None:
-    index = opened(discovered)
-    index.objects.map(FRONT)
-    steps = (name(4, "mug"), name((7, 4), "cup"), Edit("unname", object_ids=(7,)), Edit("merge", object_ids=(7, 9)))
-    for edit in (*steps, name(7, "book")):
-        index = index.after(apply_edit(index, edit, index.objects.table))
-        fresh = opened(index.scene)
-        assert index.objects.listed == fresh.objects.listed
-        np.testing.assert_array_equal(index.objects.map(FRONT), fresh.objects.map(FRONT))
-    assert ids_of(index) == {4: "cup", 7: "book"}

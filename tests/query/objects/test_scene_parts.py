@@ -146,13 +146,16 @@ def test_copies_have_new_ids_and_no_parts(scene: Scene) -> None:
 
 def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(scene: Scene) -> None:
     index = opened(scene)
-    index.objects.part_map(FRONT)
-    steps = (name(RIM, "rim"), name(5, "book"), Edit("discard", object_ids=(SPINE,)), Edit("merge", object_ids=(5, 3)))
-    for edit in steps:
+    index.objects.map(FRONT), index.objects.part_map(FRONT)
+    both, unnamed = Edit("name", object_ids=(5, 3), name="cup"), Edit("unname", object_ids=(5,))
+    merged = Edit("discard", object_ids=(SPINE,)), Edit("merge", object_ids=(5, 3))
+    for edit in (name(3, "mug"), name(RIM, "rim"), both, unnamed, *merged, name(5, "book")):
         index = edited(index, edit)
         fresh = opened(index.scene)
         assert index.objects.listed_with_parts == fresh.objects.listed_with_parts
+        np.testing.assert_array_equal(index.objects.map(FRONT), fresh.objects.map(FRONT))
         np.testing.assert_array_equal(index.objects.part_map(FRONT), fresh.objects.part_map(FRONT))
+    assert {obj.id: obj.name for obj in index.objects.listed_with_parts} == {5: "book", RIM: "rim"}
 
 
 def test_parts_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> None:
