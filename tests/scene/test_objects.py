@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from fastsplat.service.application.base.validate import check_request, check_scene_name
 from fastsplat.service.capture.uploads.label_maps import parse_label_table
 from fastsplat.service.scene.artefact.reads import MAX_READ_CHARS, MOST_READS, bounded_reads, one_line
-from fastsplat.service.scene.artefact.scene import Looks, Object, ObjectGroup, Objects, Scene
+from fastsplat.service.scene.artefact.scene import Looks, Object, ObjectGroup, Objects, Scene, SemanticHead
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import evidence_of
@@ -78,10 +78,13 @@ def scene() -> Scene:
 
 
 def test_objects_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> None:
-    read = read_back(scene, tmp_path / "v1").objects
+    head = SemanticHead(np.full((4, 3), 0.5, np.float32), np.arange(4, dtype=np.float32))
+    read = read_back(replace(scene, objects=replace(scene.objects, head=head)), tmp_path / "v1").objects
     assert read.table == scene.objects.table and read.groups == scene.objects.groups
     for name in ("starts", "labels", "counts"):
         assert (getattr(read.membership, name) == getattr(scene.objects.membership, name)).all()
+    assert (read.head.weight == head.weight).all() and (read.head.bias == head.bias).all()
+    assert read_back(scene, tmp_path / "counted").objects.head is None
 
 
 def test_a_scene_without_objects_has_no_file_of_them(tmp_path: Path) -> None:

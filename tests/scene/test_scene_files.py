@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Object, Objects, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.artefact.scene_manifest import SCHEMA
-from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.errors import (
     ConflictError,
     FastSplatError,
@@ -249,16 +248,3 @@ def test_hostile_manifests_are_typed_errors(tmp_path: Path, text: str) -> None:
     with pytest.raises(FastSplatError) as caught:
         read_scene(tmp_path / "v1")
     assert caught.value.hint
-
-
-def test_codes_of_objects_are_kept(tmp_path: Path) -> None:
-    scene = make_scene()
-    count, code = scene.gaussians.codes.shape
-    rows = np.arange(count)
-    members = evidence_of(rows, 1 + rows % 2, np.full(count, UNIT), count)
-    objects = Objects((Object(1), Object(2)), members)
-    head = SemanticHead(np.full((3, code), 0.5, np.float32), np.arange(3, dtype=np.float32))
-    read = read_back(replace(scene, objects=replace(objects, head=head)), tmp_path / "coded").objects
-    np.testing.assert_array_equal(read.head.weight, head.weight)
-    np.testing.assert_array_equal(read.head.bias, head.bias)
-    assert read_back(replace(scene, objects=objects), tmp_path / "counted").objects.head is None
