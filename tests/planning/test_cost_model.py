@@ -59,9 +59,7 @@ def test_a_plan_ends_in_time_or_says_that_the_budget_cannot_be_kept(requested, s
 
 
 @given(wishes, scenes, budgets, speeds)
-def test_a_plan_asks_for_no_more_than_was_requested_names_every_loss_and_is_as_long_as_its_run(
-    requested, scene, budget, speed
-) -> None:
+def test_a_plan_asks_for_no_more_names_every_loss_and_is_as_long_as_its_run(requested, scene, budget, speed) -> None:
     planned = fit_training(requested, scene, budget, speed=speed)
     chosen, said = planned.settings, " | ".join(planned.tradeoffs)
     longest = max(scene.width, scene.height)
