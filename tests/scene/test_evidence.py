@@ -46,9 +46,9 @@ seeds = st.integers(0, 10_000)
 @given(seeds, seeds, seeds)
 def test_merging_is_a_sum_in_any_order_and_grouping(a: int, b: int, c: int) -> None:
     x, y, z = drawn(a), drawn(b), drawn(c)
-    whole = merged([x, y, z])
-    assert same(whole, merged([merged([z, x]), y]))
-    np.testing.assert_array_equal(dense(whole), dense(x) + dense(y) + dense(z))
+    whole = merged([x, y, z, x])
+    assert same(whole, merged([merged([z, x, x]), y]))
+    np.testing.assert_array_equal(dense(whole), 2 * dense(x) + dense(y) + dense(z))
 
 
 def test_evidence_of_other_gaussians_is_not_merged() -> None:
