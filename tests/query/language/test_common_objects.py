@@ -83,15 +83,6 @@ def test_what_is_not_known_stands_behind_the_name(calibrated_encoder: DrawnEncod
     assert (found["named"] >= found["similarity"]).all()
 
 
-@pytest.mark.parametrize("question", ["skillet", "something to sit on", "xyzzy"])
-def test_the_order_of_labels_changes_nothing(calibrated_encoder: DrawnEncoder, question: str) -> None:
-    order = [3, 0, 5, 1, 4, 2]
-    straight = _columns(calibrated_encoder, question)
-    turned = _columns(calibrated_encoder, question, [_LABELS[place] for place in order])
-    for name, values in straight.items():
-        np.testing.assert_allclose(turned[name], values[order], atol=1e-6)
-
-
 def test_no_labels_are_no_rows(calibrated_encoder: DrawnEncoder) -> None:
     known = KnownLabels([], TextCache(calibrated_encoder, QuerySettings().templates, 9))
     question = np.zeros(8, dtype=np.float32)
