@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.measures.measuring import measure
-from fastsplat.service.query.measures.object_extents import object_extents, without_strays
+from fastsplat.service.query.measures.object_extents import without_strays
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.geometry.places import Place
 from tests.query.box_scenes import BoxShell, orbit, scene_of
@@ -60,14 +60,3 @@ def test_few_gaussians_are_all_kept() -> None:
     scene, _ = _strewn(0.5)
     surface_rows, thickness = without_strays(scene.gaussians, np.arange(20))
     assert len(surface_rows) == 20 and thickness == 0.0
-
-
-def test_the_box_does_not_depend_on_the_scenes_frame() -> None:
-    scene, _ = _strewn(0.01)
-    moved = replace(scene, gaussians=replace(scene.gaussians, means=scene.gaussians.means + np.float32(3.0)))
-    first = object_extents(index_of(scene), 1)
-    second = object_extents(index_of(moved), 1)
-    assert first is not None and second is not None
-    assert second.box.size == pytest.approx(first.box.size, abs=1e-4)
-    assert np.subtract(second.box.center.position, first.box.center.position) == pytest.approx(3.0, abs=1e-3)
-    assert first.box.size[0] >= first.box.size[1]
