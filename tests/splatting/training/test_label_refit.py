@@ -117,10 +117,3 @@ def test_the_gradient_of_gaussians_labels_is_that_of_float64() -> None:
     for name, leaf in leaves.items():
         assert leaf.grad is not None and exact[name].grad is not None
         assert torch.allclose(leaf.grad.double(), exact[name].grad, rtol=1e-4, atol=1e-7)
-
-
-def test_the_same_seed_gives_the_same_bits(world) -> None:
-    (first, views, class_codes), (second, _, _) = _started(world), _started(world)
-    for state in (first, second):
-        _refit(state, views, class_codes)
-    assert torch.equal(first.parameters["codes"], second.parameters["codes"])
