@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -123,14 +122,3 @@ def test_views_without_regions_and_regions_without_gaussians() -> None:
     counts = [3, 0, 5, 3]  # two regions of the third view cover nothing
     assert group_regions(sums, counts) == dense_groups(sums, counts)
     assert group_regions(sums, [0] * 4) == []
-
-
-def test_memory_does_not_grow_with_regions_times_gaussians() -> None:
-    views, regions, gaussians = 80, 40, 15_000
-    dense_bytes = 4 * views * regions * gaussians  # one of the two matrices, float32
-    tracemalloc.start()
-    groups = group_regions(made_sums(views, regions, gaussians, 1, seen=0.5), [regions] * views)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < dense_bytes / 4
-    assert len(groups) == regions and all(len(group) == views for group in groups)
