@@ -31,11 +31,9 @@ def named(match: NameMatch) -> dict[str, list[str]]:
     [
         # The whole phrase is a name.
         ("the mugs", {"exact": ["mug"]}),
-        ("coffee machine", {"exact": ["coffee machine"]}),
         ("Where are my Coffee-Machines?", {"exact": ["coffee machine"]}),
         ("can of paint", {"exact": ["can of paint"]}),
         # It asks for more than the name says, but not for another class: the dictionary knows no color, size or number.
-        ("red mug", {"exact": ["mug"]}),
         ("the two big mugs", {"exact": ["mug"]}),
         ("a light blue kettle", {"exact": ["kettle"]}),
         ("big red box", {"exact": ["red box"]}),
@@ -46,12 +44,8 @@ def named(match: NameMatch) -> dict[str, list[str]]:
         ("blue scissors", {"heads": ["red scissors"]}),
         # The name is the head, and the question says more of it.
         ("glass of water", {"heads": ["glass"], "hyponyms": ["magnifying glass"]}),
-        ("picture of a dog", {"heads": ["picture"]}),
-        ("man with a hat", {"heads": ["man"]}),
         ("man wearing a hat", {"heads": ["man"]}),
-        ("kettle without a lid", {"heads": ["kettle"], "negated": ["lid"]}),
         ("a kettle without the lids on the table", {"heads": ["kettle"], "negated": ["lid"]}),
-        ("where is the mug on the table?", {"heads": ["mug"]}),
         ("the red mug on the table", {"heads": ["mug"]}),
         ("mug, not the glass", {"heads": ["mug"], "negated": ["glass"]}),
         ("fork and spoon", {"heads": ["fork", "spoon"]}),
@@ -60,9 +54,6 @@ def named(match: NameMatch) -> dict[str, list[str]]:
         ("can", {"hyponyms": ["can of paint"]}),
         # The name is only mentioned.
         ("wall clock", {}),
-        ("orange juice", {}),
-        ("table lamp", {}),
-        ("picture frame", {}),
         ("handle of the lid", {}),
         ("what is on the table?", {}),
         ("room without a chair", {"negated": ["chair"]}),
