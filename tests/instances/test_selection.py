@@ -253,19 +253,6 @@ def test_a_print_lies_in_the_plane_of_a_table_and_what_lies_on_it_does_not(heigh
     assert lies_in(Plane(UP, 0.0, 0.05), rows, gaussians_at(points), np.ones(len(points), np.float32)) == lies
 
 
-def test_what_the_hierarchy_takes_for_several_objects_is_a_group_of_them() -> None:
-    points = np.concatenate([grid(1, 1, 0.1), grid(1, 1, 0.1, height=3.0)])
-    half, size = len(points) // 2, np.ones(len(points), np.float32)
-    lower, upper = (
-        candidate(range(half), support=0.9, proposed=9, missed=1),
-        candidate(range(half, 2 * half), support=0.95, proposed=19, missed=1),
-    )
-    stack = candidate(range(2 * half), support=0.6, proposed=3, missed=2)
-    selection = select_objects([upper, lower, stack], gaussians_at(points), size, SETTINGS)
-    assert len(selection.objects) == 2 and selection.groups == (stack,)
-    assert find_groups(selection.groups, selection.owners, size, 3) == (ObjectGroup(3, (1, 2), 0.6),)
-
-
 def test_members_are_objects_that_lie_in_the_group() -> None:
     owners = np.repeat([0, 1, 2, -1], [60, 30, 20, 10]).astype(np.int32)
     size = np.ones(len(owners), np.float32)
@@ -285,13 +272,16 @@ def rows_of(parts: Parts, gaussians: int) -> np.ndarray:
     return part_rows(Objects(table, no_evidence(gaussians), 0, parts))
 
 
-def test_a_sure_part_of_an_object_is_kept_with_its_parent() -> None:
+def test_a_sure_part_is_kept_with_its_object_and_several_objects_are_a_group() -> None:
     points = np.concatenate([grid(1, 1, 0.1), grid(1, 1, 0.1, height=3.0)])
     half, size = len(points) // 2, np.ones(len(points), np.float32)
-    table, lamp = candidate(range(half), support=0.9), candidate(range(half, 2 * half), support=0.95)
+    table = candidate(range(half), support=0.9, proposed=9, missed=1)
+    lamp = candidate(range(half, 2 * half), support=0.95, proposed=19, missed=1)
     corner = candidate(range(half + 4, half + 24), support=0.65, proposed=13, missed=7, share=0.75)
-    selection = select_objects([lamp, table, corner], gaussians_at(points), size, SETTINGS)
-    assert len(selection.objects) == 2
+    stack = candidate(range(2 * half), support=0.6, proposed=3, missed=2)
+    selection = select_objects([lamp, table, corner, stack], gaussians_at(points), size, SETTINGS)
+    assert len(selection.objects) == 2 and selection.groups == (stack,)
+    assert find_groups(selection.groups, selection.owners, size, 3) == (ObjectGroup(3, (1, 2), 0.6),)
     parts = find_parts(selection.parts, selection.owners, size, SETTINGS, 3)
     assert parts is not None
     (part,) = parts.table
@@ -314,8 +304,4 @@ def test_parts_are_of_what_their_object_owns_and_the_smaller_has_what_two_claim(
     expected = np.zeros(len(owners), np.int32)
     expected[40:100], expected[50:70] = 7, 8
     np.testing.assert_array_equal(rows_of(parts, len(owners)), expected)
-
-
-def test_objects_without_parts_have_none() -> None:
-    owners = np.zeros(10, np.int32)
-    assert find_parts((), owners, np.ones(10, np.float32), SETTINGS, 2) is None
+    assert find_parts((), owners, size, SETTINGS, 7) is None
