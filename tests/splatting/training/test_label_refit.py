@@ -9,7 +9,7 @@ from fastsplat.service.common.progress import silent
 from fastsplat.service.scene.objects.label_evidence import posterior, seen_pixels
 from fastsplat.service.splatting.gaussians import current_gaussians
 from fastsplat.service.splatting.initial import start_gaussians, start_points
-from fastsplat.service.splatting.labels.label_refit import consensus_codes, gaussian_label_loss, refit_codes
+from fastsplat.service.splatting.labels.label_refit import consensus_codes, refit_codes
 from fastsplat.service.splatting.labels.semantics import class_weights, separated_codes, start_head
 from fastsplat.service.splatting.labels.view_evidence import views_evidence
 from fastsplat.service.splatting.state import SplatState, new_state
@@ -100,20 +100,3 @@ def test_a_run_fits_labels_to_exact_maps_alone(world, quick) -> None:
     inexact = (train(capture, labelling, quick(label_refit_epochs=epochs), silent) for epochs in (2, 0))
     first, second = (trained.gaussians.codes for trained in inexact)
     assert np.array_equal(first, second)
-
-
-def test_the_gradient_of_gaussians_labels_is_that_of_float64() -> None:
-    generator = torch.Generator().manual_seed(1)
-    shapes = {"codes": (50, 3), "weight": (4, 3), "bias": (4,)}
-    values = {name: torch.randn(*shape, generator=generator) for name, shape in shapes.items()}
-    classes = torch.randint(0, 4, (50,), generator=generator)
-    weights = torch.rand(50, generator=generator)
-    leaves = {name: value.clone().requires_grad_() for name, value in values.items()}
-    gaussian_label_loss(leaves, classes, weights).backward()
-    exact = {name: value.double().requires_grad_() for name, value in values.items()}
-    logits = exact["codes"] @ exact["weight"].T + exact["bias"]
-    losses = -torch.log_softmax(logits, dim=1)[torch.arange(50), classes]
-    (weights.double() * losses).mean().backward()
-    for name, leaf in leaves.items():
-        assert leaf.grad is not None and exact[name].grad is not None
-        assert torch.allclose(leaf.grad.double(), exact[name].grad, rtol=1e-4, atol=1e-7)
