@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -23,19 +22,13 @@ WORDS = ["[PAD]", "[CLS]", "[SEP]", ".", "red", "cup", "chair", "lamp"]
 
 @pytest.fixture
 def tokenizer_file(tmp_path: Path) -> Path:
-    """That of WORDS."""
-    return write_tokenizer(tmp_path, WORDS)
-
-
-def write_tokenizer(folder: Path, words: Sequence[str]) -> Path:
-    """A BERT-like tokenizer of these words; ids are positions among them."""
-    ids = {word: number for number, word in enumerate(words)}
-    tokenizer = Tokenizer(WordLevel(ids, unk_token="[PAD]"))
-    tokenizer.normalizer, tokenizer.pre_tokenizer = Lowercase(), Whitespace()
-    ends = [(word, ids[word]) for word in ("[CLS]", "[SEP]")]
-    tokenizer.post_processor = TemplateProcessing("[CLS] $A [SEP]", special_tokens=ends)
-    tokenizer.save(str(folder / "tokenizer.json"))
-    return folder / "tokenizer.json"
+    """A BERT-like tokenizer of eight words; ids are positions in WORDS."""
+    tokenizer = Tokenizer(WordLevel({word: i for i, word in enumerate(WORDS)}, unk_token="[PAD]"))
+    tokenizer.normalizer = Lowercase()
+    tokenizer.pre_tokenizer = Whitespace()
+    tokenizer.post_processor = TemplateProcessing("[CLS] $A [SEP]", special_tokens=[("[CLS]", 1), ("[SEP]", 2)])
+    tokenizer.save(str(tmp_path / "tokenizer.json"))
+    return tmp_path / "tokenizer.json"
 
 
 @pytest.fixture

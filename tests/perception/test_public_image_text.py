@@ -11,6 +11,11 @@ import numpy as np
 import pytest
 import torch
 import transformers
+from tokenizers import Tokenizer
+from tokenizers.models import WordLevel
+from tokenizers.normalizers import Lowercase
+from tokenizers.pre_tokenizers import Whitespace
+from tokenizers.processors import TemplateProcessing
 from transformers.models.clip.image_processing_pil_clip import CLIPImageProcessorPil
 from transformers.models.siglip.image_processing_pil_siglip import SiglipImageProcessorPil
 
@@ -19,7 +24,6 @@ from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.text_encoders import SentenceEncoder, open_text_encoder
 from fastsplat_contract.errors import ModelUnavailableError
-from tests.perception.conftest import write_tokenizer
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of the exporter
 _MINE = PerceptionSettings(image_text="clip:mine")
@@ -59,7 +63,10 @@ class _Tower(torch.nn.Module):
 
 
 def _write_tokenizer(folder: Path, pad_token: object) -> None:
-    write_tokenizer(folder, _WORDS)
+    tokenizer = Tokenizer(WordLevel({word: number for number, word in enumerate(_WORDS)}, unk_token="[PAD]"))
+    tokenizer.normalizer, tokenizer.pre_tokenizer = Lowercase(), Whitespace()
+    tokenizer.post_processor = TemplateProcessing("[CLS] $A [SEP]", special_tokens=[("[CLS]", 1), ("[SEP]", 5)])
+    tokenizer.save(str(folder / "tokenizer.json"))
     (folder / "tokenizer_config.json").write_text(json.dumps({"pad_token": pad_token}))
 
 
