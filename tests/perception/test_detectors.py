@@ -80,15 +80,6 @@ def test_another_network_breaks_the_contract(clip_file: Path) -> None:
         assert part in caught.value.message
 
 
-@pytest.mark.parametrize("damage", ["garbage", "truncated", "empty"])
-def test_a_damaged_file_is_no_model(damage: str, clip_file: Path, tmp_path: Path) -> None:
-    whole = clip_file.read_bytes()
-    bytes_by_damage = {"garbage": b"not a network" * 99, "truncated": whole[: len(whole) // 2], "empty": b""}
-    (tmp_path / "broken.onnx").write_bytes(bytes_by_damage[damage])
-    with pytest.raises(ModelUnavailableError, match="mine"):
-        PicoDet(tmp_path / "broken.onnx", name="mine")
-
-
 def test_a_missing_model_says_how_to_get_it(tmp_path: Path) -> None:
     with pytest.raises(ModelUnavailableError) as caught:
         open_closed_set_detector(PerceptionSettings(), tmp_path)
