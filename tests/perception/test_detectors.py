@@ -134,5 +134,6 @@ def test_every_adapter_of_a_role_is_driven_by_something() -> None:
 
 @pytest.mark.parametrize("name", ["unknown", "picodet:../secrets", "picodet:", "mobile_sam", "sam1:picodet_416"])
 def test_names_that_are_no_detector(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ModelUnavailableError):
+    with pytest.raises(ModelUnavailableError, match="detector") as caught:
         open_closed_set_detector(PerceptionSettings(closed_set_detector=name), tmp_path)
+    assert caught.value.field == "perception.closed_set_detector"

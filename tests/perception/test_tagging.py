@@ -99,13 +99,6 @@ def test_logits_are_known_by_name_or_by_values(tmp_path: Path) -> None:
     assert "sigmoid" in caught.value.hint and "logits" in caught.value.hint
 
 
-@pytest.mark.parametrize("name", ["ram", "picodet:colors", "ram:../colors"])
-def test_an_unknown_tagger_is_named(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ModelUnavailableError, match="tagger") as caught:
-        open_tagger(PerceptionSettings(tagger=name), tmp_path)
-    assert caught.value.field == "perception.tagger"
-
-
 @given(
     hnp.arrays(np.float32, st.tuples(st.integers(0, 6), st.just(5)), elements=st.floats(0, 1, width=32)),
     st.floats(0, 1),
