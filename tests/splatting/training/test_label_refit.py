@@ -9,7 +9,7 @@ from fastsplat.service.common.progress import silent
 from fastsplat.service.scene.objects.label_evidence import posterior, seen_pixels
 from fastsplat.service.splatting.gaussians import current_gaussians
 from fastsplat.service.splatting.initial import start_gaussians, start_points
-from fastsplat.service.splatting.labels.label_refit import consensus_codes, refit_codes
+from fastsplat.service.splatting.labels.label_refit import consensus_codes, gaussian_label_loss, refit_codes
 from fastsplat.service.splatting.labels.semantics import class_weights, separated_codes, start_head
 from fastsplat.service.splatting.labels.view_evidence import views_evidence
 from fastsplat.service.splatting.state import SplatState, new_state
@@ -100,3 +100,9 @@ def test_a_run_fits_labels_to_exact_maps_alone(world, quick) -> None:
     inexact = (train(capture, labelling, quick(label_refit_epochs=epochs), silent) for epochs in (2, 0))
     first, second = (trained.gaussians.codes for trained in inexact)
     assert np.array_equal(first, second)
+
+
+def test_a_gaussian_counts_by_its_weight_in_the_loss_of_labels() -> None:
+    parameters = {"codes": torch.eye(2), "weight": torch.eye(2), "bias": torch.zeros(2)}
+    loss = gaussian_label_loss(parameters, torch.tensor([0, 0]), torch.tensor([3.0, 0.0]))
+    assert torch.allclose(loss, 1.5 * torch.log1p(torch.exp(torch.tensor(-1.0))))
