@@ -107,11 +107,12 @@ def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
     answered: list[Answer] = []
     refused: set[str] = set()
     with client_of(faces) as client:
-        for request in _questions(scene_id, 200):
+        for number, request in enumerate(_questions(scene_id, 200)):
             truth = outcome(lambda request=request: service.answers.query(request).answers)
             if request.scene_id or not (request.outputs & {"mask2d"} or request.asker_view):  # GET /query knows less
                 assert_same(outcome(partial(client.ask, request)), truth)
             assert_same(outcome(partial(client.ask, request, protocol="gRPC")), truth)
+            assert number % 4 or not isinstance(truth[0], Answer), request
             if isinstance(truth[0], Answer):
                 answered += truth
             else:
