@@ -288,5 +288,6 @@ def test_every_parameter_of_a_question_in_an_address_is_that_of_the_body(faces: 
         assert answer == faces.rest.post(f"/v1/scenes/{scene_id}:query", json=named).json(), changed
         if "templates" not in changed and "coverage" not in changed:  # here the answer is the same with and without
             assert answer != faces.rest.get("/query", params=plain).json(), changed
-    bad = {**question, "version": "none"}
-    assert rest_refusal(faces.rest.get("/query", params=bad)).details["field"] == "version"
+    for name in ("version", "asker_view"):
+        bad = {**question, name: "none"}
+        assert rest_refusal(faces.rest.get("/query", params=bad)).details["field"] == name
