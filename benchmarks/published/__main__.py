@@ -60,7 +60,7 @@ def main() -> None:
                 data_set = set_of(dataset)
                 if data_set not in PAPER or name not in PAPER[data_set][0].scenes:
                     raise SystemExit(f"{folder} is read as {data_set}, which has no {name}: are its annotations there?")
-                labels = options.labels if dataset.dictionary.entries else "default"
+                labels: TrainingLabels = options.labels if dataset.dictionary.entries else "default"
                 row = measure(dataset, settings, name, labels=labels, preset=options.preset)
             put_row(RESULTS / "published.json", f"{data_set} {name}", row)
             measured[data_set, name] = row

@@ -110,7 +110,8 @@ def tables(measured: Mapping[tuple[str, str], Mapping[str, Any]]) -> str:
 
 
 def _here(row: Mapping[str, Any], figure: str) -> float | None:
-    return sum(row["stage_seconds"].values()) / 60 if figure == "minutes" else row["figures"][figure]
+    figures: Mapping[str, float | None] = {**row["figures"], "minutes": sum(row["stage_seconds"].values()) / 60}
+    return figures[figure]
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

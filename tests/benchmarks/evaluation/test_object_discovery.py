@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.evaluation.datasets.dataset import Dataset, TrueView
-from benchmarks.evaluation.object_discovery import ObjectCounts, count_objects, precision_at
+from benchmarks.evaluation.object_discovery import ObjectCounts, precision_at
 from fastsplat.service.scene.artefact.scene import Object, Objects, Scene
 from fastsplat.service.scene.objects.label_evidence import evidence_of
 from fastsplat.service.splatting.labels.blending import object_map
@@ -48,15 +48,6 @@ def test_the_map_shows_ids_of_objects() -> None:
     assert columns == sorted(columns)  # the balls stand in a row
     with pytest.raises(InvalidInputError, match="no objects"):
         object_map(made_data.scene(), POSED)
-
-
-def test_pixels_that_do_not_count_change_nothing() -> None:
-    scene, dataset = _scene(), _dataset(_truth())
-    valid = np.zeros((192, 256), np.bool_)
-    valid[:, :128] = True
-    half = replace(dataset, test=(replace(dataset.test[0], valid=valid),))
-    counts = count_objects(scene, half, {"a.png": object_map(scene, POSED)})
-    assert counts.pixels.sum() == valid.sum()
 
 
 def test_what_lies_where_nothing_is_named_is_neither_right_nor_wrong() -> None:
