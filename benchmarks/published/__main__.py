@@ -24,6 +24,7 @@ from typing import get_args
 
 from benchmarks.default_path.__main__ import measure
 from benchmarks.evaluation.datasets.reading import read_dataset
+from benchmarks.evaluation.train_eval import TrainingLabels
 from benchmarks.provenance import RESULTS, parser_of, put_row
 from benchmarks.published.llff import with_transforms
 from benchmarks.published.paper import PAPER, SCENES, set_of, tables
