@@ -177,12 +177,10 @@ def test_absence_is_said_only_where_it_can_be_known(
     assert [answer.outcome for answer in (violinist, spoon, sofa, piano)] == ["not_here"] * 4
     assert 0.5 < (spoon.probability or 0) < (violinist.probability or 0) < 1
     assert (keyboard.outcome, set(keyboard.object_ids), set(goose.object_ids)) == ("cannot_say", {4, 7, 9}, {4, 7})
-    assert keyboard.probability is None and not keyboard.relevant_ids
-    assert "; 3 objects may be it; name" in keyboard.sentence
+    assert keyboard.probability is None and not keyboard.relevant_ids and "; 3 objects may be it" in keyboard.sentence
     assert (index.mask3d(keyboard) == index.objects.rows(keyboard.object_ids)).all()
     named = SceneIndex(apply_edit(index, name((4, 7, 9), "jar")), calibrated_encoder, settings, lexicon=lexicon)
-    (keyboard,) = named.ask([phrasing.format("keyboard")])
-    assert (keyboard.outcome, keyboard.object_ids) == ("not_here", ())
+    assert [(said.outcome, said.object_ids) for said in named.ask([phrasing.format("keyboard")])] == [("not_here", ())]
     for found, said in ((0.25, ("not_here", pytest.approx(1 / 1.75))), (0.0, ("cannot_say", None))):
         scene = replace(discovered, facts=replace(facts, found_shares={"spoon": found}))
         (spoon,) = SceneIndex(scene, calibrated_encoder, settings, lexicon=lexicon).ask([phrasing.format("spoon")])
