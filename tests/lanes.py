@@ -38,9 +38,9 @@ TOGETHER = {
 """Files and folders of one process, by group; others: one a file. (Marks: pytest-xdist 3.8 fails under pytest 9.2.)"""
 
 LONG = (  # groups that start before all others, so that none is left to the end
-    "docs/test_pages.py", "web", "web with workers", "test_code_quality.py", "workers/engine/test_crashes.py",
-    "capture/sfm/test_reconstruction.py", "workers/kinds/test_real_stages.py", "workers/engine/test_backup.py",
-    "workers/engine/test_jobs.py", "api/programs/test_client_interpreters.py",
+    "workers/engine/test_ray_cluster.py", "docs/test_pages.py", "web", "web with workers", "test_code_quality.py",
+    "workers/engine/test_crashes.py", "capture/sfm/test_reconstruction.py", "workers/kinds/test_real_stages.py",
+    "workers/engine/test_backup.py", "workers/engine/test_jobs.py", "api/programs/test_client_interpreters.py",
     "api/grpc/test_stream_reconnection.py", "library/test_library_training.py", "the page's sources",
 )  # fmt: skip
 

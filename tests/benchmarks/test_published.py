@@ -24,7 +24,7 @@ from tests.benchmarks.evaluation import made_data
 _SAMPLE = Path(__file__).parents[2] / "demo/sample"
 
 
-def _made(root: Path) -> None:
+def _write_sets(root: Path) -> None:
     """A scene of each set, as it is published."""
     _sample_as_3d_ovs(root / "3d_ovs/bed")
     made_data.lerf_ovs(root / "lerf_ovs", [1, 2, 41, 105, 140], [41, 140])
@@ -52,7 +52,7 @@ def _sample_as_3d_ovs(folder: Path) -> None:
 def test_a_scene_of_each_set_is_trained_and_measured_and_printed_beside_the_paper(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _made(tmp_path / "sets")
+    _write_sets(tmp_path / "sets")
     monkeypatch.setattr(provenance, "DRAFT", str(tmp_path))
     monkeypatch.setattr(published, "RESULTS", tmp_path)
     options = ["--preset", "draft", "--labels", "default", "--iterations", "10"]
