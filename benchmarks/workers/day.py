@@ -6,7 +6,7 @@ seconds in which servers open scenes. What a request and a connection to a store
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from benchmarks.workers.simulation import Costs, Outcome, simulate
@@ -79,15 +79,11 @@ def day(nodes: int, costs: Costs, stored: Stored, supposed: Supposed = Supposed(
     new = queue.jobs_a_day
     opened = new + supposed.opened * stored.scenes
     moved = (3 * new + opened) * stored.scene_bytes  # photos in and out to the worker, scenes in and out to servers
-    names, objects = stored.scenes, stored.scenes * stored.objects
-
-    def listed(count: float, own_s: Sequence[float]) -> float:
-        return count / supposed.names * supposed.request_s + sum(own_s)
-
+    listing_s = stored.scenes * (1 + stored.objects) / supposed.names * supposed.request_s  # scenes, then all objects
     shares = {
         "database": queue.database,
-        "cleaning": listed(names, stored.minute_s) / _MINUTE_S,
-        "listing": listed(objects, stored.hour_s) / _HOUR_S,
+        "cleaning": sum(stored.minute_s) / _MINUTE_S,
+        "listing": (listing_s + sum(stored.hour_s)) / _HOUR_S,
         "store": moved / supposed.bytes_s / _DAY_S,
         "opening": opened * stored.opening_s / (2 * supposed.servers) / _DAY_S,
     }

@@ -85,14 +85,14 @@ def _calls(store: Store) -> dict[str, Callable[[], object]]:
 
         store.scenes.create(job, within)
 
-    def minute() -> None:
-        """As workers/engine/cleanup.py, with the names that a listing of the store would give."""
+    def minute() -> None:  # and `hour`: as workers/engine/cleanup.py
         store.jobs.over(())
         store.jobs.uploads(0.0)
         store.jobs.delete_ended(0.0)
-        store.jobs.lost_scenes(ids, 0.0)
 
     def hour() -> None:
+        """With the names that a listing of the store would give."""
+        store.jobs.lost_scenes(ids, 0.0)
         store.jobs.over(())
         store.versions.without_row(())
 

@@ -46,9 +46,9 @@ def test_a_part_is_asked_for_its_share_and_the_fullest_bends_first() -> None:
     supposed = Supposed(request_s=0.2, names=1_000, bytes_s=1e9, opened=0.02, servers=3)
     few, many = day(1, costs, stored, supposed), day(300, costs, stored, supposed)
     new = few.queue.jobs_a_day
-    assert few.shares["cleaning"] == many.shares["cleaning"] == pytest.approx((100 * 0.2 + 3.0) / 60)
-    assert few.shares["listing"] == pytest.approx((4_000 * 0.2 + 15.0) / 3_600)
+    assert few.shares["cleaning"] == many.shares["cleaning"] == pytest.approx(3.0 / 60)
+    assert few.shares["listing"] == many.shares["listing"] == pytest.approx((4_100 * 0.2 + 15.0) / 3_600)
     assert few.shares["store"] == pytest.approx((4 * new + 2_000) * 8e6 / 1e9 / 86_400)
     assert few.shares["opening"] == pytest.approx((new + 2_000) * 1.5 / 6 / 86_400)
-    assert few.shares["database"] == few.queue.database and few.first == "cleaning"
+    assert few.shares["database"] == few.queue.database and few.first == "listing"
     assert many.first == "opening" and many.shares["opening"] > few.shares["opening"]

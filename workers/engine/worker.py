@@ -164,9 +164,9 @@ def _clean_up(worker: Worker) -> None:
     if store.workers.take_lease("cleanup", _CLEANUP_INTERVAL_S + _MARGIN_S):
         uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
         remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
-        trash_lost_scenes(store, now)
     if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S + _MARGIN_S):
         store.blobs.remove_partial(PARTIAL_EXPIRY_S)
+        trash_lost_scenes(store, now)
         trash_lost_versions(store, min(time.time(), now))
 
 
