@@ -52,8 +52,6 @@ class JobSettings(JobOptions, SettingGroup, section="jobs"):
 
     launcher: Literal["local", "ray"] = "local"
     """Where jobs run: in the worker itself, one by one, or on the nodes of a Ray cluster, as many as have room."""
-    ray_address: str = "auto"
-    """host:port of the Ray cluster's head; auto: the cluster that this machine has joined."""
     max_starts: int = Field(3, ge=1)
     """A job is FAILED once its trainer or worker has died this often without coming further in between."""
     poll_interval_s: float = Field(2.0, gt=0)

@@ -28,7 +28,7 @@ def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> N
     if settings.jobs.launcher == "ray":
         with needed(RAY, "the launcher ray", field="jobs.launcher", where="on every machine of the cluster"):
             from fastsplat.workers.engine.ray_cluster import RayCluster
-        launcher = RayCluster(settings.jobs.ray_address)
+        launcher = RayCluster()
     stop_requested = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop_requested.set())

@@ -50,18 +50,16 @@ class _Placement:
 class RayCluster:
     """A launcher that has each waiting job run by an actor, as many at once as the cluster has room for.
 
-    Args:
-        address: host:port of the cluster's head; "auto": that of this machine's node.
+    The cluster is that of Ray's own variable `RAY_ADDRESS`, else the one that this machine has joined.
     """
 
-    def __init__(self, address: str) -> None:
-        self._address = address
+    def __init__(self) -> None:
         self._agents: Any = ray.remote(_Agent)  # whose methods Ray adds
         self._placed: dict[str, _Placement] = {}
 
     def __call__(self, worker: Worker) -> None:
         if not ray.is_initialized():
-            ray.init(self._address, namespace=_NAMESPACE, log_to_driver=False, configure_logging=False)
+            ray.init("auto", namespace=_NAMESPACE, log_to_driver=False, configure_logging=False)
         now = time.monotonic()
         waiting = {name: placed for name, placed in self._placed.items() if not _is_ready(placed)}
         recent = {name: placed for name, placed in self._placed.items() if now - placed.at < _AGAIN_S}

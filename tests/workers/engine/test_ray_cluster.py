@@ -83,7 +83,7 @@ class Cluster:
         self.start_node(next(name for name in _NODES if self.nodes[name] is node))
 
     def start_launcher(self) -> None:
-        address = {"FASTSPLAT_JOBS__LAUNCHER": "ray", "FASTSPLAT_JOBS__RAY_ADDRESS": self._address}
+        address = {"FASTSPLAT_JOBS__LAUNCHER": "ray", "RAY_ADDRESS": self._address}
         self.launcher = self.head.start_worker(**address, **_TOKEN)
 
     def _start_ray(self, machine: Deployment, *arguments: str) -> None:
