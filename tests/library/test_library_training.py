@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -20,6 +19,7 @@ from fastsplat_contract.jobs.operations import Operation
 from tests.processes import processes_with
 from tests.small_tabletop import small_tabletop
 from tests.trained_scenes import trained_tabletop
+from tests.waiting import wait_for
 
 _TRAINING = '{"iterations": 150, "time_budget_s": null, "max_side": 120}'
 
@@ -64,7 +64,7 @@ def test_what_is_interrupted_is_over_and_its_folder_is_used_again(capture: Path,
 
     with pytest.raises(KeyboardInterrupt):
         fastsplat.train(capture, out, progress=interrupt)
-    assert _workers(out) == []
+    wait_for(lambda: not _workers(out))  # a trainer that had just begun sees that its worker has ended
     with open_service(folder_settings(out)) as service:
         (scene,) = service.list_scenes().scenes
         assert scene.state != "READY"
@@ -85,10 +85,7 @@ def test_the_worker_ends_with_a_script_that_is_killed(capture: Path, tmp_path: P
         assert process.stdout is not None and process.stdout.readline()
         assert len(_workers(out)) >= 1
         process.kill()
-    deadline = time.monotonic() + 120
-    while _workers(out):
-        assert time.monotonic() < deadline
-        time.sleep(0.2)
+    wait_for(lambda: not _workers(out))
 
 
 def test_there_must_be_photos(tmp_path: Path) -> None:
