@@ -96,7 +96,7 @@ export class ServerView {
         await this.#picture(view, shown, coarse, pictureSize(width, height, scale, MOST_PIXELS));
         this.#drawnInFull = scale === 1 && !coarse;
         this.#scale = nextScale(scale, performance.now() - begin, SLOW_MS);
-        this.drawn(shown, null);
+        if (!this.#over()) this.drawn(shown, null);
       } catch (error) {
         if (this.#over() || isAbort(error)) break;
         this.drawn(null, error);
