@@ -13,7 +13,6 @@ import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any
 
 import ray
@@ -30,7 +29,7 @@ from fastsplat_contract.jobs.operations import OperationKind
 _NAMESPACE = "fastsplat"
 _AT_ONCE = 4
 """Actors of one size that may wait for room: each holds the place in turn that its job had."""
-_LOOKED_AT = 1_000  # waiting jobs, the first in turn
+_LOOKED_AT = 1_000  # waiting jobs of each project, the first in turn
 _AGAIN_S = 30.0
 """After this an attempt is placed again, as its actor died, or its node lacks a model."""
 _CPUS = 2  # where the operator did not say how many threads a job has
@@ -65,7 +64,7 @@ class RayCluster:
         recent = {name: placed for name, placed in self._placed.items() if now - placed.at < _AGAIN_S}
         self._placed = waiting | recent
         counts = Counter(placed.size for placed in waiting.values())
-        for job in islice(worker.store.jobs.in_turn(), _LOOKED_AT):
+        for job in worker.store.jobs.in_turn(_LOOKED_AT):
             name, needs = f"{job.id}-{job.attempt + 1}", needs_of(job, worker.settings)
             size, put_off = frozenset(needs.items()), 0 < job.run_after - time.time() < 2 * LONGEST_PAUSE_S
             if name not in self._placed and not put_off and counts[size] < _AT_ONCE:

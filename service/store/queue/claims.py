@@ -122,15 +122,19 @@ class JobQueue(Repository):
                     return _begin(connection, job, worker, choice if job.state == "QUEUED" else None)
         return None
 
-    def in_turn(self) -> Sequence[OperationRecord]:
-        """Lists the jobs that no worker has, in the order in which they would begin.
+    def in_turn(self, most: int | None = None) -> Sequence[OperationRecord]:
+        """Lists the jobs that no worker has, in the order in which they would begin; `most` queued ones a project.
 
         Those that were begun go first. Then projects take turns: first the one with the fewest jobs under way; of
         several, the one whose latest claim is longest ago, then the one whose next job has waited longest. Within a
         project priority decides, then age.
         """
+        place = func.row_number().over(partition_by=operations.c.project, order_by=QUEUE_ORDER).label("place")
+        first = select(operations.c.id, place).where(QUEUED).subquery()
+        queued_here = QUEUED if most is None else operations.c.id.in_(select(first.c.id).where(first.c.place <= most))
         with self._reading() as connection:
-            rows = connection.execute(select(operations).where(_BEGUN | QUEUED).order_by(*QUEUE_ORDER)).mappings()
+            query = select(operations).where(_BEGUN | queued_here).order_by(*QUEUE_ORDER)
+            rows = connection.execute(query).mappings()
             waiting = each_readable(rows, as_operation)
             projects = connection.scalars(_PROJECTS_IN_TURN).all()
         queued: dict[str, list[OperationRecord]] = {project: [] for project in projects}

@@ -108,6 +108,7 @@ def test_a_word_is_looked_for_once_models_for_it_are_used(
     found = client.wait(client.look_again(before, WORD).id)
     assert found.state == "SUCCEEDED", found.error
     after = _trained(client, photos, WORD)
+    assert client.scene(after).quality["found_shares"] == {WORD: 0.0}  # the finder is not calibrated
     assert [_outcome(client, scene_id) for scene_id in (before, after)] == ["probably_here"] * 2  # uncalibrated
     assert invoke("models", "use", "default").exit_code == 0
     with pytest.raises(InvalidInputError):
