@@ -33,23 +33,23 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "instances": (2383, 1901),
     "interop": (0, 506),
     "jobs": (1670, 515),
-    "library": (485, 352),
+    "library": (485, 349),
     "localization": (1716, 611),
     "perception": (5383, 3069),
     "planning": (807, 451),
     "query": (11929, 7185),
     "release": (0, 171),
     "scene": (3344, 1486),
-    "service": (376, 0),
+    "service": (374, 0),
     "splat_import": (625, 310),
     "splatting": (5641, 4589),
-    "store": (4812, 1919),
+    "store": (4816, 1920),
     "tests": (0, 2011),
     "web": (0, 4256),
-    "workers": (2603, 3904),
+    "workers": (2600, 3905),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 78665, "tests": 62493, "page": 15911, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 78664, "tests": 62492, "page": 15911, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")
