@@ -8,7 +8,6 @@ import resource
 import signal
 import socket
 import sys
-import threading
 from collections.abc import Callable
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
@@ -55,9 +54,10 @@ def run(settings: Settings) -> None:
         stop = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await serve(service, settings, stop, lambda ports: _import_renderer())
+        await serve(service, settings, stop)
 
     check_exposure(settings)
+    import_module("fastsplat.service.query.drawing.scene_renderer")  # SciPy fails while another thread imports torch
     sys.setswitchinterval(_TURN_S)
     _raise_file_limit()
     with open_service(settings) as service:
@@ -133,11 +133,6 @@ async def serve(
             http_server.should_exit = True
             await asyncio.gather(grpc_server.stop(settings.drain_s), serving)
             stopping.cancel()
-
-
-def _import_renderer() -> None:
-    """Imports the renderer on a thread, so that the first request need not wait."""
-    threading.Thread(target=import_module, args=("fastsplat.service.query.drawing.scene_renderer",)).start()
 
 
 def _raise_file_limit() -> None:
