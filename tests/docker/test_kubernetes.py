@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,8 @@ from fastsplat.api.rest.openapi import describe
 from fastsplat.service.settings import Settings
 from tests.docker.test_compose import COMPOSE, ROOT
 
-_BASE = ROOT / "docker/kubernetes"
+_BASE = ROOT / "docker/kubernetes/base"
+_CUDA = ROOT / "docker/kubernetes/cuda"
 _DOCKERFILE = (ROOT / "docker/Dockerfile").read_text()
 
 
@@ -35,6 +38,15 @@ _PODS = {
 def test_every_resource_is_of_the_schemas_of_kubernetes(release: str) -> None:
     for resource in _RESOURCES:
         assert kubernetes_validate.validate(resource, release, strict=True)
+    for folder in (_BASE, _CUDA) if shutil.which("kubectl") else ():
+        built = subprocess.run(["kubectl", "kustomize", folder], check=True, capture_output=True, text=True).stdout
+        for resource in yaml.safe_load_all(built):
+            assert kubernetes_validate.validate(resource, release, strict=True)
+
+
+def test_the_overlay_lies_beside_its_base_as_kustomize_refuses_a_base_that_holds_it() -> None:
+    (base,) = _kustomization(_CUDA)["resources"]
+    assert (_CUDA / base).resolve() == _BASE and not _CUDA.is_relative_to(_BASE)
 
 
 @pytest.mark.parametrize("name", _PODS)
@@ -59,7 +71,7 @@ def test_the_images_are_those_of_compose_in_this_release() -> None:
     built = {service["image"].split(":")[0] for service in yaml.safe_load(COMPOSE.read_text())["services"].values()}
     tags = {image["name"]: image["newTag"] for image in _kustomization(_BASE)["images"]}
     used = {item["image"] for pod in _PODS.values() for item in (*pod["initContainers"], *pod["containers"])}
-    (cuda,) = _kustomization(_BASE / "cuda")["images"]
+    (cuda,) = _kustomization(_CUDA)["images"]
     assert used == tags.keys() and {*used, cuda["newName"]} == {name for name in built if name.startswith("fastsplat/")}
     for name, tag in tags.items():
         assert f"image: {name}:${{IMAGE_VERSION:-{tag}}}" in COMPOSE.read_text()
@@ -80,7 +92,7 @@ def test_a_pod_s_environment_is_settings_with_the_database_s_password_of_the_sec
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (container,) = _PODS[name]["containers"]
-    (generated,), (merged,) = (_kustomization(folder)["configMapGenerator"] for folder in (_BASE, _BASE / "cuda"))
+    (generated,), (merged,) = (_kustomization(folder)["configMapGenerator"] for folder in (_BASE, _CUDA))
     files = [_BASE / file for file in generated["envs"]]
     lines = [line for file in files for line in file.read_text().splitlines() if not line.startswith("#")]
     environment = dict(line.split("=", 1) for line in (*lines, *merged["literals"]))
