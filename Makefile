@@ -20,12 +20,16 @@ PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constrai
 # BLAS has one thread a process, as there are more processes than cores.
 TESTS := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder
 
-.PHONY: help setup page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures dist first-gpu
+.PHONY: help setup installed page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures dist first-gpu
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
-setup: $(VENV)/.installed $(PAGE)  ## a virtual environment with the product and its development tools
+setup:  ## a virtual environment with the product and its development tools
+	@$(MAKE) --no-print-directory --jobs=2 installed
+
+installed: $(VENV)/.installed $(PAGE)
+	@:
 
 # What a person must have installed is checked before anything is downloaded, all of it at once.
 $(VENV)/.product: $(INSTALLED_FROM)
