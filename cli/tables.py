@@ -36,7 +36,9 @@ class Column(NamedTuple):
 
 def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:
     """Lines of at most `WIDTH` columns; "" without rows."""
-    cells = [[_printable(text) for text in row] for row in rows]
+    # Names are typed by anybody: nothing may move the cursor or color the terminal.
+    cells = [[re.sub(r"\s", " ", text) for text in row] for row in rows]
+    cells = [["".join(letter if letter.isprintable() else "?" for letter in text) for text in row] for row in cells]
     if not cells:
         return ""
     if any(column.heading for column in columns):
@@ -102,8 +104,3 @@ def _widths(columns: Sequence[Column], cells: Sequence[Sequence[str]]) -> list[i
         widths[number] = min(widths[number], room // left)
         room -= widths[number]
     return widths
-
-
-def _printable(text: str) -> str:
-    """Without what would move the cursor or color the terminal: names are typed by anybody."""
-    return "".join(letter if letter.isprintable() else "?" for letter in re.sub(r"\s", " ", text))

@@ -37,7 +37,8 @@ async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
     context.set_trailing_metadata(((_KEY, request_id),))
     # Read before the body: after the call has ended, peer(), auth_context() and peer_identities() crash the process
     # with a segmentation fault (grpcio 1.85.1).
-    address = _address(context.peer())
+    # "ipv4:127.0.0.1:4711" or "ipv6:%5B::1%5D:4711".
+    address = unquote(context.peer().partition(":")[2].rpartition(":")[0]).strip("[]")
     started = time.perf_counter()
     outcome = "OK"
     try:
@@ -51,11 +52,6 @@ async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
         await context.abort_with_status(rpc_status.to_status(refusal.as_rpc_status()))
     finally:
         log_request(_log, request_id, "gRPC", rpc, outcome, started, address)
-
-
-def _address(peer: str) -> str:
-    """Extracts the address from "ipv4:127.0.0.1:4711" or "ipv6:%5B::1%5D:4711"."""
-    return unquote(peer.partition(":")[2].rpartition(":")[0]).strip("[]")
 
 
 Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"

@@ -106,7 +106,8 @@ class _Route:
 
     def __init__(self, context: RouteContext) -> None:
         methods = context.methods
-        self._fits = (context if _is_api_route(context) else cast(Any, context.route)).path_regex.match
+        is_api = isinstance(context.original_route, APIRoute) or context.original_route is not context.route
+        self._fits = (context if is_api else cast(Any, context.route)).path_regex.match
         self._methods = frozenset(methods) if methods is not None else None
         self.names = {method: route_name(context, method) for method in methods or ()}
         self.name = route_name(context, "")
@@ -114,7 +115,3 @@ class _Route:
     def matches(self, method: str, path: str) -> bool:
         """Returns True if the router would choose this route; assumes there is no root path."""
         return (self._methods is None or method in self._methods) and self._fits(path) is not None
-
-
-def _is_api_route(context: RouteContext) -> bool:
-    return isinstance(context.original_route, APIRoute) or context.original_route is not context.route

@@ -67,17 +67,13 @@ def ask(
     )
     result = session.client.ask_everywhere(request)
     session.tell(result, "\n".join(line for answer in result.answers for line in answer_lines(answer)))
-    if any(map(_is_uncovered, result.answers)):
+    unsaid = (answer for answer in result.answers if answer.outcome == "cannot_say" and answer.phrase is None)
+    if any(answer.searched.unnamed_objects for answer in unsaid):  # one without a name may be it
         models = session.client.server_status().models
         if any(model.role == "open_set_detector" and model.state == "unset" for model in models):
             typer.echo(ANY_WORD, err=True)
     if picture is not None:
         write_file(picture, _picture(session, result.answers[0]))
-
-
-def _is_uncovered(answer: Answer) -> bool:
-    """True if it cannot be said because an object without a name may be it."""
-    return answer.outcome == "cannot_say" and answer.phrase is None and answer.searched.unnamed_objects > 0
 
 
 def answer_lines(answer: Answer) -> list[str]:

@@ -23,7 +23,7 @@ from fastsplat.service.query.objects.names.object_names import names_of
 from fastsplat.service.query.objects.object_history import scene_history
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
-from fastsplat.service.scene.artefact.scene import Objects, ObjectSemantics, Parts, Scene, SceneT, SemanticHead
+from fastsplat.service.scene.artefact.scene import ObjectSemantics, Scene, SceneT, SemanticHead
 from fastsplat.service.scene.gaussians.coarse import coarse_scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -201,7 +201,13 @@ class SceneIndex:
                 scene, before = self.scene, None if self._before is None else self._before._objects
                 stored = scene.objects is not None
                 whole = scene.with_objects(scene.objects or labeled_objects(scene, self._labels))
-                self._objects = SceneObjects(whole, stored, self._object_map, self._history, before)
+                self._objects = SceneObjects(
+                    whole,
+                    stored,
+                    lambda posed, ids: self._renderer_for(posed).id_map(posed, ids),
+                    self._history,
+                    before,
+                )
             return self._objects
 
     def is_understood(self, name: str) -> bool:
@@ -303,9 +309,6 @@ class SceneIndex:
         """Renders each pixel's most probable object, uint16 [H, W]; 0 = none or barely covered."""
         self.check_view(posed)
         return self.objects.map(posed)
-
-    def _object_map(self, posed: PosedCamera, objects: Objects | Parts) -> NDArray[np.uint16]:
-        return self._renderer_for(posed).id_map(posed, objects)
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
         entries = self.scene.dictionary.entries  # other names are suggested, and no Gaussian has them

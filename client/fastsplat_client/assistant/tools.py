@@ -179,7 +179,8 @@ def find(
     target = resolve_scene(client, scene)
     answer = _ask(client, target.id, text)
     labels = [match.label for match in answer.matches if match.relevant]
-    leading = _leading_objects(answer)
+    label_id = next((match.label_id for match in answer.matches if match.relevant), None)
+    leading = [obj for obj in answer.objects or () if obj.label_id == label_id]
     counted = [obj.id for obj in leading]
     # What may be here, or merely serves in its place, is no number of it.
     refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
@@ -377,11 +378,6 @@ def _name_of(client: Client, scene: SceneSummary, object_id: int) -> str:
     """What an object is called, without regard to case; "" for an object without a name, or none."""
     objects = client.objects(scene.id, version=scene.version, parts=True)
     return next((obj.name.casefold() for obj in objects if obj.id == object_id), "")
-
-
-def _leading_objects(answer: Answer) -> list[SceneObject]:
-    leading = next((match.label_id for match in answer.matches if match.relevant), None)
-    return [obj for obj in answer.objects or () if obj.label_id == leading]
 
 
 def _located(client: Client, scene_id: str, obj: SceneObject, version: str) -> tool_results.WhereAbouts:

@@ -108,7 +108,9 @@ class Localizing:
                 self._landmarks.count()
                 sent = self._decoder.decode(request.photos, side)
                 rough = [pose.matrix() for pose in request.poses]
-                return index, localized_photos(index, landmarks, sent, _focals(request), rough, version)
+                focals = list(request.focals or [None])
+                focals *= len(request.photos) if len(focals) == 1 else 1
+                return index, localized_photos(index, landmarks, sent, focals, rough, version)
         finally:
             self._prepare()
 
@@ -172,12 +174,6 @@ def too_many_bytes(size: int) -> LimitExceededError:
         limit=f"{MAX_PHOTOS_BYTES} bytes, all photos together",
         hint="Send smaller versions: 1,600 pixels are enough.",
     )
-
-
-def _focals(request: LocalizeRequest) -> Sequence[float | None]:
-    if not request.focals:
-        return [None] * len(request.photos)
-    return list(request.focals) * (len(request.photos) if len(request.focals) == 1 else 1)
 
 
 def photos_of(cameras: Sequence[PosedCamera], folder: Path, side: int, blobs: Blobs | None = None) -> list[Photo]:

@@ -171,7 +171,10 @@ class OpenScenes:
     def index_of(self, scene: Scene) -> SceneIndex:
         """Index of a scene that is not stored or cached."""
         encoder = self._encoder(scene.text_encoder[0])
-        caches = self._caches_of(encoder)
+        with self._encoder_lock:
+            if encoder.name not in self._caches:
+                self._caches[encoder.name] = text_caches(encoder, self._settings.query)
+            caches = self._caches[encoder.name].of(self._store.project)
         return SceneIndex(
             scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches, looks=self._looks()
         )
@@ -183,12 +186,6 @@ class OpenScenes:
             if name not in self._encoders:
                 self._encoders[name] = open_text_encoder(name, self._settings.models)
             return self._encoders[name]
-
-    def _caches_of(self, encoder: TextEncoder) -> TextCaches:
-        with self._encoder_lock:
-            if encoder.name not in self._caches:
-                self._caches[encoder.name] = text_caches(encoder, self._settings.query)
-            return self._caches[encoder.name].of(self._store.project)
 
     def _lexicon(self) -> Lexicon | None:
         from fastsplat.service.perception.lexicon.wordnet import find_lexicon

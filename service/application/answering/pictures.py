@@ -85,7 +85,9 @@ def picture(index: SceneIndex, ranked: RankedScene, request: PictureRequest, que
         if image_format == "npy":
             return _npy(seen.normals if kind == "normals" else seen.confidence)
         if kind == "normals":
-            return pictures.png_bytes(_normals_picture(seen.normals))
+            colored = np.asarray(np.rint((seen.normals + 1) * 127.5), np.uint8)  # black without a surface
+            colored[~seen.normals.any(axis=-1)] = 0
+            return pictures.png_bytes(colored)
         return _png16(np.rint(seen.confidence.clip(0, 1) * _FARTHEST).astype(np.uint16))
     image = _image(index, ranked, posed, request, query)
     return pictures.jpeg_bytes(image) if image_format == "jpeg" else pictures.png_bytes(image)
@@ -148,13 +150,6 @@ def _depth_picture(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
     coloured = pictures.turbo((far - depth) / max(far - near, 1e-9))
     coloured[~there] = 0
     return coloured
-
-
-def _normals_picture(normals: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """RGB of world normals, (n + 1) / 2; black without a surface."""
-    colored = np.asarray(np.rint((normals + 1) * 127.5), np.uint8)
-    colored[~normals.any(axis=-1)] = 0
-    return colored
 
 
 def _png16(values: NDArray[np.uint16], texts: dict[str, str] | None = None) -> bytes:

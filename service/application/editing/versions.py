@@ -256,7 +256,10 @@ class Versions:
                 most = self._context.settings.store.max_gaussians
                 rows = None if piece is None else piece.rows
                 scene = apply_edit(index, edit, seen, before, sources.get(number), max_gaussians=most, piece=rows)
-                self._check_growth(len(index.scene.gaussians), len(scene.gaussians))
+                if len(scene.gaussians) > max(len(index.scene.gaussians), most):
+                    hint = "Add fewer, or remove some first."
+                    given = f"{len(scene.gaussians)} Gaussians"
+                    raise LimitExceededError(given, field="object_ids", limit=f"{most}", hint=hint)
                 self._context.memory.check(edit_bytes(scene, ()), "objects")
             except (InvalidInputError, NotFoundError, NotReadyError, LimitExceededError, ConflictError) as error:
                 raise error.within(f"edits[{number}]") from error
@@ -284,9 +287,3 @@ class Versions:
         except (NotFoundError, NotReadyError) as error:
             raise error.within("source") from error
 
-    def _check_growth(self, before: int, after: int) -> None:
-        limit = self._context.settings.store.max_gaussians
-        if after > max(before, limit):
-            raise LimitExceededError(
-                f"{after} Gaussians", field="object_ids", limit=f"{limit}", hint="Add fewer, or remove some first."
-            )

@@ -112,20 +112,18 @@ def _boxes(listed: Sequence[SceneObject], up: F64 | None, root: str, at: int) ->
                 frame_id=root,
                 id=str(obj.id),
                 metadata=[messages.KeyValuePair(key=key, value=value) for key, value in object_facts(obj).items()],
-                cubes=[_cube(obj, obj.box)],
+                cubes=[
+                    messages.CubePrimitive(
+                        pose=_pose(obj.box.center.position, obj.box.center.orientation),
+                        size=_vector(obj.box.size),
+                        color=_color(obj.id, _SURFACE_ALPHA if obj.kind == "surface" else _OBJECT_ALPHA),
+                    )
+                ],
                 texts=[_text(obj, obj.box, up)],
             )
             for obj in listed
             if obj.box is not None
         ]
-    )
-
-
-def _cube(obj: SceneObject, box: Box) -> messages.CubePrimitive:
-    return messages.CubePrimitive(
-        pose=_pose(box.center.position, box.center.orientation),
-        size=_vector(box.size),
-        color=_color(obj.id, _SURFACE_ALPHA if obj.kind == "surface" else _OBJECT_ALPHA),
     )
 
 

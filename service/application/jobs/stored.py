@@ -75,13 +75,8 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None, ahe
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
         again_after=record.again_after,
         left_out={**record.options.get(_LEFT_OUT, {}), **dict.fromkeys(record.excluded, ON_REQUEST)},
-        **_result_of(record),
+        **({} if record.result is None else {record.kind: from_plain(RESULTS[record.kind], dict(record.result))}),
     )
-
-
-def _result_of(record: OperationRecord) -> dict[str, Any]:
-    """The operation's result field, named after its kind."""
-    return {} if record.result is None else {record.kind: from_plain(RESULTS[record.kind], dict(record.result))}
 
 
 @decodes("scene")

@@ -73,7 +73,8 @@ def refine(request: dict[str, Any], folder: Path, report: Report) -> dict[str, A
     refused = refusal(np.array([pose[:3, 3] for pose in before.values()]), shift, turn, contradictions, left)
     if refused:
         after = {}
-    final = sfm.known_poses(database, [_with_pose(image, after) for image in posed_images])
+    refined = {file: {"camera_from_world": np.linalg.inv(pose).tolist()} for file, pose in after.items()}
+    final = sfm.known_poses(database, [{**image, **refined.get(image["file"], {})} for image in posed_images])
     final = _triangulated(final, database, images, folder / "final", _ROUNDS_PX[-1])
     sfm.save_points(final, folder)
     report(1.0, f"{len(after)} of {len(files)} poses refined")
@@ -85,11 +86,6 @@ def refine(request: dict[str, Any], folder: Path, report: Report) -> dict[str, A
         "points": final.num_points3D(),
         "error_px": final.compute_mean_reprojection_error() if final.num_points3D() else 0.0,
     }
-
-
-def _with_pose(image: Mapping[str, Any], poses: Mapping[str, F64]) -> dict[str, Any]:
-    pose = poses.get(image["file"])
-    return dict(image) if pose is None else {**image, "camera_from_world": np.linalg.inv(pose).tolist()}
 
 
 def _triangulated(

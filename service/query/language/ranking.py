@@ -219,7 +219,9 @@ class Ranker:
         nothing = judged.verdict == "absent"
         is_word = None if self._meanings is None else self._meanings.is_word
         unread: NoQuestion = no_question(text, is_word) if nothing else ""
-        probability = None if belief is None else belief.of_verdict(None if nothing else order[0])
+        probability = None
+        if belief is not None:
+            probability = 1.0 - belief.presence if nothing else float(belief.entries[order[0]])
         if belief is None and judged.suggested and judged.named:
             probability = float(self._confidence[order[0]])  # the very name: language adds no doubt
         doubted = probability is not None and probability < RATHER
@@ -256,16 +258,11 @@ class Ranker:
         ids = np.flatnonzero(standing & judged.relevant) + 1
         compared = context.related is not None or meant is not None
         is_other = meant is None and (judged.verdict, relation) == ("related", "related")
-        is_other = is_other and self._is_other(text, int(order[0]))
+        if is_other:  # encoders alone find objects near that share a room; the lexicon's model weighs kinds itself
+            entry = self._made_of[0].dictionary.entries[order[0]]
+            is_other = are_other_objects(parse_noun_phrase(text).text, (entry.label, *entry.aliases))
         remarks = Remarks(unchecked, unread, other_object=is_other, calibrated=compared)
         return Ranked(answer, verdict, judged.named, frozenset(ids.tolist()), remarks)
-
-    def _is_other(self, text: str, row: int) -> bool:
-        """True if an entry is known to be another object than the question names.
-
-        For encoders alone, which find objects near that share a room; the lexicon's model weighs kinds itself."""
-        entry = self._made_of[0].dictionary.entries[row]
-        return are_other_objects(parse_noun_phrase(text).text, (entry.label, *entry.aliases))
 
     def _without_suggested(self, judged: Judgement) -> Judgement:
         """Drops suggested names if borne ones remain; else the answer is only possible.

@@ -140,14 +140,10 @@ def _inside(obj: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
         return None
     volume = float((pieces.numbers == best).sum()) * obj.grid.width**3
     middle = pieces.middles[best]
-    return Hollow(obj.grid.object_id, volume, float(pieces.widths[best]), middle, _nearest_view(middle, cameras))
-
-
-def _nearest_view(place: Vector3, cameras: Sequence[PosedCamera]) -> str:
-    """Name of the nearest camera with a place in the picture; "" for none."""
-    able = [camera for camera in cameras if shows(camera, place)]
-    far = {camera.name: np.linalg.norm(camera.world_from_camera[:3, 3] - place) for camera in able}
-    return min(far, key=far.__getitem__, default="")
+    able = [camera for camera in cameras if shows(camera, middle)]
+    far = {camera.name: np.linalg.norm(camera.world_from_camera[:3, 3] - middle) for camera in able}
+    nearest = min(far, key=far.__getitem__, default="")
+    return Hollow(obj.grid.object_id, volume, float(pieces.widths[best]), middle, nearest)
 
 
 def _grids_of_objects(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> list[_CubeGrid]:

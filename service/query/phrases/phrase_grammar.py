@@ -251,15 +251,11 @@ def _marker_at(keys: Sequence[str], at: int, before: Sequence[str]) -> tuple[_Ma
             return None, 0  # "the nearest mug"
         if marker.kind == "of" and length == 1 and nouns and label_key(nouns[-1]) in _COUNTED:
             return None, 0  # "a pair of scissors"
-        if marker.kind == "rest" and keys[at] in ("to", "from") and _distance_before(before):
+        orders = (_SUPERLATIVES.get(word.casefold(), ("",))[0] for word in before)
+        if marker.kind == "rest" and keys[at] in ("to", "from") and "distance" in orders:
             return _Marker("distance"), 1  # "the nearest mug to the lamp"
         return marker, length
     return None, 0
-
-
-def _distance_before(words: Sequence[str]) -> bool:
-    orders = (_SUPERLATIVES.get(word.casefold()) for word in words)
-    return any(order is not None and order[0] == "distance" for order in orders)
 
 
 def _without_joint(part: _Part) -> bool:

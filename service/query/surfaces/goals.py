@@ -47,7 +47,9 @@ def goal_near(known: OccupancyMap, obj: SceneObject, robot_radius: float, versio
             field="scene_id",
             hint="Take photos that show the floor; or, if this is the floor, name its object 'floor'.",
         )
-    room = _clearance(known)
+    free = np.pad(known.cells == FREE, 1)
+    apart = np.asarray(distance_transform_edt(free), np.float64)[1:-1, 1:-1]
+    room = np.maximum(apart - math.sqrt(0.5), 0.0) * known.resolution  # meters from cell centers to a non-free edge
     rows, columns = np.nonzero(room >= robot_radius + MARGIN)
     places = np.stack([columns + 0.5, rows + 0.5], axis=1) * known.resolution + known.origin
     distances = _distances(places, box)
@@ -69,13 +71,6 @@ def goal_near(known: OccupancyMap, obj: SceneObject, robot_radius: float, versio
         field="object_id",
         hint="Ask for a smaller radius, or take photos that show more of the floor around it.",
     )
-
-
-def _clearance(known: OccupancyMap) -> F64:
-    """Clearance of cell centers, meters to the nearest non-free edge, float64 [H, W]."""
-    free = np.pad(known.cells == FREE, 1)
-    apart = np.asarray(distance_transform_edt(free), np.float64)[1:-1, 1:-1]
-    return np.asarray(np.maximum(apart - math.sqrt(0.5), 0.0) * known.resolution)
 
 
 def _distances(places: F64, box: Box, margin: float = 0.0) -> F64:

@@ -67,7 +67,8 @@ def surface_mesh(
     seen = observed(points, views, BAND * voxel)
     normals = _vertex_normals(points, faces)
     vertices = SurfaceSamples(**{**vars(seen), "normals": normals})
-    return LabelledMesh(vertices, faces, _face_objects(seen.objects, faces), voxel)
+    first, second, third = (seen.objects[faces[:, corner]] for corner in range(3))
+    return LabelledMesh(vertices, faces, np.where(second == third, second, first), voxel)
 
 
 def fused(points: F32, views: Sequence[SurfaceView], truncation: float) -> F32:
@@ -172,9 +173,3 @@ def _vertex_normals(points: F32, faces: I64) -> F32:
     sums = [np.bincount(corners, np.tile(normals[:, axis], 3), len(points)) for axis in range(3)]
     summed = np.stack(sums, axis=1)
     return np.asarray(summed / np.maximum(np.linalg.norm(summed, axis=1, keepdims=True), 1e-30), np.float32)
-
-
-def _face_objects(objects: NDArray[np.uint16], faces: I64) -> NDArray[np.uint16]:
-    """Majority object of each face's vertices, else its first vertex's, uint16 [F]."""
-    first, second, third = (objects[faces[:, corner]] for corner in range(3))
-    return np.where(second == third, second, first)

@@ -221,7 +221,9 @@ class LabelMeanings:
         columns[place["compound"]] = named_last.same_kind
         columns[place["feigned"]] = named_last.feigned
         columns[place["other_name"]] = named_last.other_name
-        verbs, glosses_of_verbs = verbs_of(self._verbs_in(words), self._lexicon)
+        first = words[:1] if self._is_verb_phrase(" ".join(words)) else []
+        candidates = [*first, *(word for before, word in pairwise(words) if before == "to")]
+        verbs, glosses_of_verbs = verbs_of(candidates, self._lexicon)
         columns[place["shared_words"]] = self._definition_words.shared(phrase)
         columns[place["done"]] = self._definition_words.done(verbs)
         columns[place["done_with"]] = self._definition_words.mentioned(glosses_of_verbs)
@@ -252,11 +254,6 @@ class LabelMeanings:
         """True if the question is an action: "sweep the floor"."""
         words = phrase.lower().split()
         return len(words) > 1 and not _DETERMINERS.isdisjoint(words[1:]) and self._lexicon.is_verb(words[0])
-
-    def _verbs_in(self, words: Sequence[str]) -> list[str]:
-        """Candidate verbs: the first word of a verb phrase, and words after "to"."""
-        first = words[:1] if self._is_verb_phrase(" ".join(words)) else []
-        return [*first, *(word for before, word in pairwise(words) if before == "to")]
 
     def _compounds(self, text: str, match: NameMatch, meaning: Meaning, relations: Relations) -> Compounds:
         """Labels that the question ends in, by name or synonym, after other words."""

@@ -140,10 +140,6 @@ class Belief:
     presence: float  # 0..1, that anything here answers
     label_set: tuple[int, ...]
 
-    def of_verdict(self, leading: int | np.intp | None) -> float:
-        """Probability that the entry in row `leading` answers; None: that nothing does."""
-        return 1.0 - self.presence if leading is None else float(self.entries[leading])
-
 
 def scored_belief(scores: F64, likely: F64, confidence: F64, calibration: ScoreCalibration, coverage: float) -> Belief:
     """Probabilities from scores."""

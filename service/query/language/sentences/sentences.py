@@ -193,7 +193,9 @@ def _missing(answer: Answer, remarks: Remarks, names: ObjectNames, in_words: InW
     none = searched.get(count, f"none of the {count} names in this scene is {quoted(text)}")
     if count and names.dictionary.id_of(text):
         none = f"nothing bears the name {quoted(text)}"
-    return f"{none}{_unnamed(answer)}{only}"
+    unnamed = answer.searched.unnamed_objects
+    said = f"; {unnamed} {'object has' if unnamed == 1 else 'objects have'} no name" if unnamed else ""
+    return f"{none}{said}{only}"
 
 
 def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ObjectNames, in_words: InWords) -> str:
@@ -246,8 +248,3 @@ def _left_open(phrase: PhraseAnswer, remarks: Remarks, in_words: InWords) -> str
 def _question_text(phrase: PhraseAnswer) -> str:
     head = [quoted(phrase.head)] if phrase.head else []
     return ", ".join([*head, *phrase.conditions]) or "anything"
-
-
-def _unnamed(answer: Answer) -> str:
-    count = answer.searched.unnamed_objects
-    return f"; {count} {'object has' if count == 1 else 'objects have'} no name" if count else ""

@@ -46,7 +46,10 @@ def check_query(
         _check_texts(negatives, "negatives", "negatives")
     if templates is not None:
         _check_texts(templates, "templates", "templates")
-        _check_slots(templates)
+        for template in templates:
+            if template.count("{}") != 1:
+                hint = 'Put exactly one "{}" where the name goes.'
+                raise InvalidInputError(f"the template {template[:80]!r}", field="templates", hint=hint)
     return TextQuery(
         texts=tuple(texts),
         negatives=settings.negatives if negatives is None else tuple(negatives),
@@ -64,14 +67,6 @@ def _check_texts(texts: Sequence[str], field: str, text_field: str) -> None:
         )
     for text in texts:
         _check_text(text, text_field)
-
-
-def _check_slots(templates: Sequence[str]) -> None:
-    for template in templates:
-        if template.count("{}") != 1:
-            raise InvalidInputError(
-                f"the template {template[:80]!r}", field="templates", hint='Put exactly one "{}" where the name goes.'
-            )
 
 
 def _check_text(text: str, field: str) -> None:
