@@ -12,13 +12,12 @@ from starlette.routing import Mount
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fastsplat.api.access.authenticator import Credentials
-from fastsplat.api.access.caller import Principal, current_principal
+from fastsplat.api.access.caller import current_principal
 from fastsplat.api.access.exposure import check_local
 from fastsplat.api.access.gate import Gate
 from fastsplat.api.access.policy import UNMATCHED, rule_of
 from fastsplat.api.errors import status_of
 from fastsplat.api.rest.routes.events import end_events
-from fastsplat_contract.call import Rule
 from fastsplat_contract.calls import DEPRECATED, DEPRECATED_SINCE
 from fastsplat_contract.errors import FastSplatError, UnauthenticatedError
 
@@ -60,7 +59,11 @@ class AccessLayer:
                 await send(message)
 
             try:
-                principal = await self._authenticated(Headers(scope=scope), rule)
+                headers = Headers(scope=scope)
+                if not self._gate.auth_enabled and rule.role is not None:
+                    with self._gate.refusals_counted():
+                        check_local(headers)
+                principal = await self._gate.authenticate(Credentials.of(headers), rule)
                 current_principal.set(principal)
                 if principal is None:
                     await self._app(scope, receive, counted_send)
@@ -85,13 +88,6 @@ class AccessLayer:
             if route.matches(method, path):
                 return route.names.get(method, route.name)
         return NO_ROUTE
-
-    async def _authenticated(self, headers: Headers, rule: Rule) -> Principal | None:
-        gate = self._gate
-        if not gate.auth_enabled and rule.role is not None:
-            with gate.refusals_counted():
-                check_local(headers)
-        return await gate.authenticate(Credentials.of(headers), rule)
 
 
 def route_name(context: RouteContext, method: str) -> str:

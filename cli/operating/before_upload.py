@@ -64,5 +64,5 @@ def check(photos: Annotated[Path, typer.Argument(help="A folder of photos; it st
     set_of_photos = PhotoSet(len(checked.photos), *checked.size)
     seconds = sum(job_seconds(set_of_photos, settings, machine_speed(settings.training.backend)).values())
     typer.echo(f"making a scene of them takes about {duration(seconds)} on this machine", err=True)
-    if not checked.is_good:
+    if checked.advice or good < len(checked.photos):
         raise typer.Exit(1)

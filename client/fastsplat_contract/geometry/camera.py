@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import GetCoreSchemaHandler
+from pydantic import Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
+from fastsplat_contract.codec.wire import OneOf
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry import viewpoint
 from fastsplat_contract.geometry.poses import quaternion_of, rigid, vector3
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+ViewName = Annotated[
+    str | None, OneOf("viewpoint"), Field(description="name of one of the scene's own cameras, instead of `camera`")
+]
 _IDENTITY = np.eye(3)
 _TOLERANCE = 1e-3  # of the entries of a rigid transform
 

@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.codec.wire import Int64, Many, OneOf, Request, Response, travels
-from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera, ViewName
 
 PROMPTED = ("split", "add")
 """The edits that say by a prompt which Gaussians they mean."""
@@ -37,9 +37,7 @@ class ObjectPrompt(Request):
     """Where one object is in the picture of a view: pixels on it, a box around it, or both."""
 
     camera: Annotated[PosedCamera | None, OneOf("viewpoint"), Field(description="a free viewpoint")] = None
-    view: Annotated[
-        str | None, OneOf("viewpoint"), Field(description="name of one of the scene's own cameras, instead of `camera`")
-    ] = None
+    view: ViewName = None
     pixels: Annotated[Many[Pixel], Field(description="on the object; with a box they may be left out")] = ()
     background: Annotated[Many[Pixel], Field(description="beside the object")] = ()
     box: Annotated[PixelBox | None, Field(description="around the object")] = None

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.codec.wire import Many, OneOf, Request, travels
-from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera, ViewName
 from fastsplat_contract.geometry.object_prompts import Pixel
 from fastsplat_contract.geometry.poses import Pose, Vector3
 
@@ -18,9 +18,7 @@ class Place(Request):
     """One place of a scene: what a view shows at a pixel, a point of the world, or a whole object."""
 
     camera: Annotated[PosedCamera | None, OneOf("viewpoint"), Field(description="a free viewpoint, for a pixel")] = None
-    view: Annotated[
-        str | None, OneOf("viewpoint"), Field(description="name of one of the scene's own cameras, instead of `camera`")
-    ] = None
+    view: ViewName = None
     pixel: Annotated[
         Pixel | None, OneOf("place"), Field(description="of the camera or view: the surface that it shows there")
     ] = None

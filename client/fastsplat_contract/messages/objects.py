@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.codec.wire import Base64, Int64, Many, OneOf, Request, Response, travels
-from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera, ViewName
 from fastsplat_contract.geometry.object_prompts import Pixel as Pixel
 from fastsplat_contract.geometry.object_prompts import PixelBox as PixelBox
 from fastsplat_contract.geometry.poses import Box, Vector3
@@ -133,9 +133,7 @@ class PickIn(Request):
     proto: ClassVar[str] = "PickObjectRequest"
 
     camera: Annotated[PosedCamera | None, OneOf("viewpoint"), Field(description="a free viewpoint")] = None
-    view: Annotated[
-        str | None, OneOf("viewpoint"), Field(description="name of one of the scene's own cameras, instead of `camera`")
-    ] = None
+    view: ViewName = None
     pixel: Annotated[
         Pixel | None, OneOf("place"), Field(description="of the camera or view: the object that it shows")
     ] = None

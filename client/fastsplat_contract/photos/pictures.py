@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.codec.wire import Many, OneOf, Request, travels
-from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera, ViewName
 from fastsplat_contract.messages.scenes import Color, OfScene, Version
 
 PictureKind = Literal[
@@ -48,9 +48,7 @@ class RenderIn(Request):
     ]
     text: Annotated[str | None, Field(description="the question; overlay, relevancy and mask need one")] = None
     camera: Annotated[PosedCamera | None, OneOf("viewpoint"), Field(description="a free viewpoint")] = None
-    view: Annotated[
-        str | None, OneOf("viewpoint"), Field(description="name of one of the scene's own cameras, instead of `camera`")
-    ] = None
+    view: ViewName = None
     version: Version = ""
     format: Annotated[
         PictureFormat,

@@ -47,10 +47,6 @@ class Admin:
         """
         with transaction(self._store.engine.execution_options(read_only=True)) as connection:
             connection.execute(text("SELECT 1"))
-        self._check_folder()
-        self._check_models()
-
-    def _check_folder(self) -> None:
         try:
             with tempfile.TemporaryFile(dir=self._store.blobs.root) as probe:
                 probe.write(b"\0")
@@ -60,6 +56,7 @@ class Admin:
                 field="data_dir",
                 hint="Free space, or make the folder writable for the service.",
             ) from error
+        self._check_models()
 
     def _check_models(self) -> None:
         from fastsplat.service.perception.models.model_manifest import has_files

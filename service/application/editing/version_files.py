@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from fastsplat.service.capture.photos.scene_photos import share_photos
@@ -38,19 +39,13 @@ def write_version(
     try:
         scratch.mkdir(parents=True)
         write_scene(scene, scratch / "artefact")
-        if not same_gaussians or not _linked(parent / "scene.ply", scratch / "scene.ply"):
+        if same_gaussians:
+            with suppress(OSError):  # not every file system has hard links
+                os.link(parent / "scene.ply", scratch / "scene.ply")
+        if not (scratch / "scene.ply").exists():
             write_ply(scene.gaussians, scratch / "scene.ply")
         share_photos(parent, scratch)
         add_files(scratch)
         blobs.publish(scratch, scene_id, version)
     finally:
         remove(scratch)
-
-
-def _linked(file: Path, place: Path) -> bool:
-    """Hard-links a file; False where the file system cannot."""
-    try:
-        os.link(file, place)
-    except OSError:
-        return False
-    return True

@@ -164,7 +164,11 @@ class Exports:
 
         files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras))
         floor, floor_missing = self._floor(index, version, request)
-        created_ns = round(self._created_at(request.scene_id, version) * 1000) * 10**6
+        versions = self._context.store.versions.of(self._context.store.scenes.scene(request.scene_id))
+        record = next((record for record in versions if record.version == version), None)
+        if record is None:
+            raise NotFoundError(f"version {version!r} was removed meanwhile", field="version")
+        created_ns = round(record.created_at * 1000) * 10**6
         with self._context.memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
             name, views = self._name(request), self._views_of(request.scene_id, version)
             points = points_file(index, name, request.object_ids, request.cell, views)
@@ -208,13 +212,6 @@ class Exports:
             if folder.is_dir():
                 raise
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene") from error
-
-    def _created_at(self, scene_id: str, version: str) -> float:
-        """Creation time of the version, seconds since 1970."""
-        for record in self._context.store.versions.of(self._context.store.scenes.scene(scene_id)):
-            if record.version == version:
-                return record.created_at
-        raise NotFoundError(f"version {version!r} was removed meanwhile", field="version")
 
     def _map(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._context.memory.reserve(map_bytes(index), "scene_id"):

@@ -54,6 +54,9 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None, ahe
     error, done = record.error, record.state in FINAL_STATES
     files = {} if done or record.progress_files is None else record.progress_files
     left = record.stages[-1]["metrics"].get(SECONDS_LEFT) if record.stages and worker == "working" else None
+    result: dict[str, Any] = (
+        {} if record.result is None else {record.kind: from_plain(RESULTS[record.kind], dict(record.result))}
+    )
     return Operation(
         id=record.id,
         scene_id=record.scene_id,
@@ -75,7 +78,7 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None, ahe
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
         again_after=record.again_after,
         left_out={**record.options.get(_LEFT_OUT, {}), **dict.fromkeys(record.excluded, ON_REQUEST)},
-        **({} if record.result is None else {record.kind: from_plain(RESULTS[record.kind], dict(record.result))}),
+        **result,
     )
 
 

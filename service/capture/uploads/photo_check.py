@@ -38,11 +38,6 @@ class PhotoCheck:
     advice: tuple[str, ...]  # sentences about all of them
     size: tuple[int, int]  # typical width and height, pixels
 
-    @property
-    def is_good(self) -> bool:
-        """Checks that there is no advice."""
-        return not self.advice and not any(photo.advice for photo in self.photos)
-
 
 def check_photos(
     folder: Path, scratch: Path, settings: CaptureSettings, on_photo: Callable[[int, int], None] | None = None

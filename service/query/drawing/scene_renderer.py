@@ -90,19 +90,15 @@ class Renderer:
 
         `objects` must be the same at every call, as they are cached."""
         if isinstance(objects, Parts):
-            return self._part_map(posed, objects)
+            if self._parts is None or self._parts[0].membership is not objects.membership:
+                classes = max(part.id for part in objects.table) + 1
+                self._parts = objects, EvidenceBlend(_with_rest(objects.membership), classes, self._device)
+            return self._drawn_ids(self._parts[1], posed)
         if isinstance(self._labels, ObjectBlend):
             return self._drawn_ids(self._labels.objects, posed)
         if self._objects is None:  # of labels: they are kept nowhere else
             self._objects = objects_blend(objects, self._codes, self._device)
         return self._drawn_ids(self._objects, posed)
-
-    def _part_map(self, posed: PosedCamera, parts: Parts) -> NDArray[np.uint16]:
-        known = self._parts
-        if known is None or known[0].membership is not parts.membership:
-            classes = max(part.id for part in parts.table) + 1
-            known = self._parts = parts, EvidenceBlend(_with_rest(parts.membership), classes, self._device)
-        return self._drawn_ids(known[1], posed)
 
     def _drawn_ids(self, blend: LabelBlend, posed: PosedCamera) -> NDArray[np.uint16]:
         drawn = self._label(blend, posed, self._means.new_zeros(len(self._means), 0), None)

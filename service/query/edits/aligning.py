@@ -114,10 +114,16 @@ def fit_pairs(scene: F64, world: F64, *, scaled: bool) -> PairFit:
     _check_spread(world, "map")
     counting = _agreeing(scene, world, scaled) if count >= _ROBUST_FROM else np.ones(count, np.bool_)
     _check_spread(scene[counting], "scene")
-    _check_handedness(scene[counting], world[counting])
+    offsets = scene[counting] - scene[counting].mean(axis=0)
+    left, values, right = np.linalg.svd((world[counting] - world[counting].mean(axis=0)).T @ offsets)
+    if np.linalg.det(left @ right) < 0 and values[2] > _MIRROR * values[0]:  # clearly better fitted by a reflection
+        raise InvalidInputError(
+            "the points of the map are a mirror image of those of the scene",
+            field="alignment.pairs",
+            hint="Both frames are right-handed: check the order and the signs of the map's axes.",
+        )
     change = fit_similarity(scene[counting], world[counting], scaled=scaled)
     residuals = np.linalg.norm(change.points(scene) - world, axis=1)
-    offsets = scene[counting] - scene[counting].mean(axis=0)
     spread, used = float(np.sqrt((offsets**2).sum(axis=1).mean())), int(counting.sum())
     freedom = 3 * used - 7
     sigma = float(np.sqrt((residuals[counting] ** 2).sum() / freedom))
@@ -177,17 +183,6 @@ def _check_spread(points: F64, what: str) -> None:
             field="alignment.pairs",
             limit=f"a width of {_LINE:g} of their length",
             hint="Add a place well beside that line.",
-        )
-
-
-def _check_handedness(scene: F64, world: F64) -> None:
-    """Raises if a reflection fits clearly better than a rotation: one frame is left-handed."""
-    left, values, right = np.linalg.svd((world - world.mean(axis=0)).T @ (scene - scene.mean(axis=0)))
-    if np.linalg.det(left @ right) < 0 and values[2] > _MIRROR * values[0]:
-        raise InvalidInputError(
-            "the points of the map are a mirror image of those of the scene",
-            field="alignment.pairs",
-            hint="Both frames are right-handed: check the order and the signs of the map's axes.",
         )
 
 

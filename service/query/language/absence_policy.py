@@ -137,7 +137,9 @@ def with_absence_judged(
     """
     answer, remarks = ranked.answer, ranked.remarks
     text = ranked.noun_phrase
-    if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(text))):
+    of_conditions = answer.phrase is not None and not remarks.head
+    absent = (ranked.verdict == "absent" or remarks.other_object) and not of_conditions
+    if remarks.no_question or not (absent or (_is_weak(ranked, names) and vocabulary.knows(text))):
         return ranked
     nameless = [obj for obj in names.present if (not obj.name or obj.guessed) and obj.id in names.lengths]
     fitting = [obj for obj in nameless if _may_be(obj, names.lengths[obj.id], text, vocabulary)]
@@ -168,12 +170,6 @@ def with_absence_judged(
     may_be = _likeliest(text, answer, fitting, names, vocabulary, colored)
     offered = replace(nothing, presence=presence, probability=None, object_ids=may_be, relation="undecided")
     return replace(ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=remarks)
-
-
-def _is_absent(ranked: Ranked) -> bool:
-    """True if nothing bears the name, apart from a phrase's conditions."""
-    of_conditions = ranked.answer.phrase is not None and not ranked.remarks.head
-    return (ranked.verdict == "absent" or ranked.remarks.other_object) and not of_conditions
 
 
 def _is_weak(ranked: Ranked, names: ObjectNames) -> bool:

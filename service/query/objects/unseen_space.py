@@ -69,7 +69,8 @@ def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) 
     place = _cube_grid(points[of > 0], 0)
     if place is None:
         return ALL_SEEN
-    usual = _usual_size(points, of, surfaces)
+    trimmed = [np.quantile(group, [_TRIM, 1 - _TRIM], axis=0) for _, group in _objects_of(points, of, surfaces)]
+    usual = float(np.median([np.ptp(ends, axis=0).max() for ends in trimmed])) if trimmed else 0.0
     seen, *insides = _looks(scene, rows, of, surfaces, [place, *_grids_of_objects(points, of, surfaces)])
     hollows = [hollow for inside in insides if (hollow := _inside(inside, scene.cameras))]
     metric, (share, behind, middle) = scene.scale == "METRIC", _between(seen, usual)
@@ -175,12 +176,6 @@ def hiding_points(scene: Scene, rows: NDArray[np.int64], of: I32) -> tuple[F64, 
     middles = gaussians.means[rows].astype(np.float64)
     edges = [middles[large] + sign * steps[:, :, axis] for axis in (0, 1) for sign in (-1, 1)]
     return np.concatenate([middles, *edges]), np.concatenate([of, np.tile(of[large], 4)])
-
-
-def _usual_size(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> float:
-    """Median length of the objects along their longest axis; 0 without objects."""
-    trimmed = [np.quantile(group, [_TRIM, 1 - _TRIM], axis=0) for _, group in _objects_of(points, of, surfaces)]
-    return float(np.median([np.ptp(ends, axis=0).max() for ends in trimmed])) if trimmed else 0.0
 
 
 def _objects_of(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> list[tuple[int, F64]]:

@@ -185,7 +185,7 @@ def parse_question(
     head, items, leftover = _items(group, parts[1:], is_name)
     leftover += [] if rest is None else [rest.text]
     readings = tuple(_assembled(head, items, parents) for parents in _attachments(items))
-    if asks == "objects" and all(reading.is_plain for reading in readings):
+    if asks == "objects" and not any(r.colors or r.sizes or r.conditions or r.rank for r in readings):
         denied = len(parts) > 1 and all(part.marker is not None and part.marker.kind == "not" for part in parts[1:])
         if described or denied or not leftover:  # "mug, not the glass" is for the names of the dictionary
             return None

@@ -119,11 +119,6 @@ class Phrase:
         )
 
     @property
-    def is_plain(self) -> bool:
-        """True if it is only a name or a description."""
-        return not (self.colors or self.sizes or self.conditions or self.rank)
-
-    @property
     def said(self) -> tuple[str, ...]:
         """The modifiers in words."""
         words = [color.text for color in self.colors] + [size.word for size in self.sizes]

@@ -66,7 +66,9 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
         chunk = np.arange(rows.start, rows.stop) // _CHUNK
         result.means[rows] = _between(bounds["position"][chunk], _unpack_11_10_11(table["packed_position"]))
         result.log_scales[rows] = _between(bounds["scale"][chunk], _unpack_11_10_11(table["packed_scale"]))
-        result.quats[rows] = _unpack_rotation(table["packed_rotation"])
+        turns = table["packed_rotation"]  # the highest bits locate the omitted component
+        components = np.stack([_unit(turns >> shift, 10) for shift in (20, 10, 0)], axis=1) - 0.5
+        result.quats[rows] = smallest_three((turns >> 30).astype(np.intp), components * np.float32(np.sqrt(2)))
         color = np.stack([_unit(table["packed_color"] >> shift, 8) for shift in (24, 16, 8)], axis=1)
         result.sh[rows, 0] = (_between(bounds["color"][chunk], color) - 0.5) / Y00
         result.logit_opacities[rows] = logits((table["packed_color"] & 255).astype(np.uint8))
@@ -124,10 +126,3 @@ def _unit(packed: NDArray[np.integer], bits: int) -> F32:
 
 def _unpack_11_10_11(packed: U32) -> F32:
     return np.stack([_unit(packed >> 21, 11), _unit(packed >> 11, 10), _unit(packed, 11)], axis=1)
-
-
-def _unpack_rotation(packed: U32) -> F32:
-    """Unpacks quaternions w x y z, [K, 4]; the highest bits locate the omitted component."""
-    components = np.stack([_unit(packed >> shift, 10) for shift in (20, 10, 0)], axis=1)
-    components = (components - 0.5) * np.float32(np.sqrt(2))
-    return smallest_three((packed >> 30).astype(np.intp), components)

@@ -88,21 +88,18 @@ class PromptContexts:
         def prepare() -> PromptContext:
             labels = self.default.entries.labels
             if templates != self.default.templates:
-                self._check_sentences(templates)
+                count, limit = len(self._labels.dictionary), self._settings.max_sentences
+                if count * len(templates) > limit:
+                    raise LimitExceededError(
+                        f"{count} labels in {len(templates)} templates",
+                        field="templates",
+                        limit=f"{limit} sentences",
+                        hint="Send fewer templates.",
+                    )
                 labels = self._embed_labels(templates)
             return self._prepare(negatives, templates, labels)
 
         return self._recent.get((negatives, templates), lambda: 1, prepare)
-
-    def _check_sentences(self, templates: tuple[str, ...]) -> None:
-        labels, limit = len(self._labels.dictionary), self._settings.max_sentences
-        if labels * len(templates) > limit:
-            raise LimitExceededError(
-                f"{labels} labels in {len(templates)} templates",
-                field="templates",
-                limit=f"{limit} sentences",
-                hint="Send fewer templates.",
-            )
 
     def _embed_labels(self, templates: tuple[str, ...]) -> NDArray[np.float32]:
         labels, encoder = self._labels, self._encoder
