@@ -194,17 +194,10 @@ def _accept(service: SceneService, question: _Question) -> str:
     return answers[0].version
 
 
-def _seen_from(query: QueryRequest, camera: PosedCamera) -> QueryRequest:
-    """Sets the question's camera, and its asker's pose unless the question gives one."""
-    asker = query.asker
-    if asker is None and query.asker_view is None:
-        world = camera.world_from_camera
-        asker = pose_of(world)
-    return replace(query, cameras=(camera,), asker=asker)
-
-
 async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> AsyncGenerator[pb.StreamQueryResponse]:
-    query = _seen_from(pose.question.query, pose.camera)
+    query = replace(pose.question.query, cameras=(pose.camera,))
+    if query.asker is None and query.asker_view is None:
+        query = replace(query, asker=pose_of(pose.camera.world_from_camera))
     started = time.perf_counter()
 
     def messages() -> list[pb.QueryResponse]:

@@ -63,7 +63,13 @@ class OuterLayer:
         try:
             if ambiguity is not None:
                 raise ambiguity
-            check_header_count(headers)
+            if len(headers.raw) > MAX_HEADERS:
+                raise LimitExceededError(
+                    f"{len(headers.raw)} headers",
+                    field="headers",
+                    limit=f"{MAX_HEADERS} header lines",
+                    hint="Send only what the request needs.",
+                )
             await self._app(*head_as_get(scope, receive if is_upload else _limited(receive), tagged_send))
         except asyncio.CancelledError:  # by the server, at the end of its drain time
             if status:
@@ -107,14 +113,3 @@ def find_ambiguity(headers: Headers, http_version: str) -> InvalidInputError | N
     return InvalidInputError(
         f"no host: {', '.join(hosts)[:80]!r}", field="host", hint="Send one Host header: a name, and a port."
     )
-
-
-def check_header_count(headers: Headers) -> None:
-    """Raises `LimitExceededError` for more than `MAX_HEADERS` headers."""
-    if len(headers.raw) > MAX_HEADERS:
-        raise LimitExceededError(
-            f"{len(headers.raw)} headers",
-            field="headers",
-            limit=f"{MAX_HEADERS} header lines",
-            hint="Send only what the request needs.",
-        )

@@ -21,7 +21,16 @@ _START_SECONDS = 300
 def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, grpc_port: int) -> Iterator[str]:
     """Runs `fastsplat serve` with one worker; yields its key, or raises `ResourceError` with its log."""
     for port in (http_port, grpc_port):
-        _require_free(port)
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                raise ResourceError(
+                    f"port {port} is in use",
+                    field="http_port",
+                    hint="Stop what uses it, or set FASTSPLAT_HTTP_PORT and FASTSPLAT_GRPC_PORT.",
+                ) from None
     environment = {
         **os.environ,
         "FASTSPLAT_DATA_DIR": str(data_dir),
@@ -33,19 +42,6 @@ def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, 
     with running_command("serve", environment, log) as process:
         _wait_ready(process, http_port, log)
         yield (data_dir / "key").read_text().strip()
-
-
-def _require_free(port: int) -> None:
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            raise ResourceError(
-                f"port {port} is in use",
-                field="http_port",
-                hint="Stop what uses it, or set FASTSPLAT_HTTP_PORT and FASTSPLAT_GRPC_PORT.",
-            ) from None
 
 
 def _wait_ready(process: subprocess.Popen[bytes], port: int, log: Path) -> None:

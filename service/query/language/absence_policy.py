@@ -138,8 +138,8 @@ def with_absence_judged(
     answer, remarks = ranked.answer, ranked.remarks
     text = ranked.noun_phrase
     of_conditions = answer.phrase is not None and not remarks.head
-    absent = (ranked.verdict == "absent" or remarks.other_object) and not of_conditions
-    if remarks.no_question or not (absent or (_is_weak(ranked, names) and vocabulary.knows(text))):
+    is_absent = (ranked.verdict == "absent" or remarks.other_object) and not of_conditions
+    if remarks.no_question or not (is_absent or (_is_weak(ranked, names) and vocabulary.knows(text))):
         return ranked
     nameless = [obj for obj in names.present if (not obj.name or obj.guessed) and obj.id in names.lengths]
     fitting = [obj for obj in nameless if _may_be(obj, names.lengths[obj.id], text, vocabulary)]

@@ -221,8 +221,8 @@ class LabelMeanings:
         columns[place["compound"]] = named_last.same_kind
         columns[place["feigned"]] = named_last.feigned
         columns[place["other_name"]] = named_last.other_name
-        first = words[:1] if self._is_verb_phrase(" ".join(words)) else []
-        candidates = [*first, *(word for before, word in pairwise(words) if before == "to")]
+        leading = words[:1] if self._is_verb_phrase(" ".join(words)) else []
+        candidates = [*leading, *(word for before, word in pairwise(words) if before == "to")]
         verbs, glosses_of_verbs = verbs_of(candidates, self._lexicon)
         columns[place["shared_words"]] = self._definition_words.shared(phrase)
         columns[place["done"]] = self._definition_words.done(verbs)
