@@ -286,4 +286,3 @@ class Versions:
             return self._context.scenes.open(source.scene_id, source.version)[0]
         except (NotFoundError, NotReadyError) as error:
             raise error.within("source") from error
-
