@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -11,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fastsplat.cli.operating.browser import is_ready
+from fastsplat.cli.operating.serve_command import require_free_ports
 from fastsplat.service.library.training_run import running_command
 from fastsplat_contract.errors import ResourceError
 
@@ -20,17 +20,7 @@ _START_SECONDS = 300
 @contextmanager
 def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, grpc_port: int) -> Iterator[str]:
     """Runs `fastsplat serve` with one worker; yields its key, or raises `ResourceError` with its log."""
-    for port in (http_port, grpc_port):
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind(("127.0.0.1", port))
-            except OSError:
-                raise ResourceError(
-                    f"port {port} is in use",
-                    field="http_port",
-                    hint="Stop what uses it, or set FASTSPLAT_HTTP_PORT and FASTSPLAT_GRPC_PORT.",
-                ) from None
+    require_free_ports("127.0.0.1", http_port=http_port, grpc_port=grpc_port)
     environment = {
         **os.environ,
         "FASTSPLAT_DATA_DIR": str(data_dir),

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
+import socket
 import sys
+from contextlib import suppress
 from typing import Annotated
 
 import typer
 
 from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.logs import log_to_stderr
+from fastsplat_contract.errors import ResourceError
 
 Devices = Annotated[
     str, typer.Option(help='CUDA devices with workers each, as "0,1"; or "cpu". Default: all that CUDA sees.')
@@ -34,11 +38,44 @@ def serve(
     die_with_named_parent(signal.SIGTERM)  # which is `fastsplat demo`
     if no_auth:
         os.environ["FASTSPLAT_AUTH"] = "off"  # for the API's own process
-    settings = load_settings()
+    settings = load_settings().model_copy(update={"auth": "off"} if no_auth else {})  # they may be loaded by now
     check_exposure(settings)
+    require_free_ports(
+        settings.host,
+        http_port=settings.http_port,
+        grpc_port=settings.grpc_port,
+        metrics_port=settings.metrics_port,
+    )
     scheme = "http" if settings.tls_cert is None else "https"
     entry = f"with the key in {settings.first_key}" if settings.auth == "on" else "without a key, on this machine alone"
-    typer.echo(f"{scheme}://localhost:{settings.http_port}/ opens soon, {entry}")
+    typer.echo(f"{scheme}://localhost:{settings.http_port}/ opens soon, {entry}; Ctrl-C ends it")
     log_to_stderr("serve")
     roles = {"api": Role([sys.executable, "-m", "fastsplat.cli.main", "api"])}
     raise typer.Exit(run({**roles, **worker_roles(devices, workers, settings.jobs.threads_per_job)}))
+
+
+def require_free_ports(host: str, **ports: int) -> None:
+    """Raises `ResourceError` that names all ports in use; 0 is always free.
+
+    Args:
+        host: address to listen on.
+        ports: by the setting's name.
+    """
+    used = {name: port for name, port in ports.items() if port and _is_in_use(host, port)}
+    if used:
+        numbers, variables = ", ".join(map(str, used.values())), ", ".join(f"FASTSPLAT_{name.upper()}" for name in used)
+        raise ResourceError(
+            f"{'ports' if len(used) > 1 else 'port'} {numbers} in use, perhaps by another server of this program",
+            field=next(iter(used)),
+            hint=f"Stop what uses them, or set {variables} to free ones.",
+        )
+
+
+def _is_in_use(host: str, port: int) -> bool:
+    with suppress(socket.gaierror):  # of a host that is none the server says more
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        try:
+            socket.create_server(address[:2], family=family).close()
+        except OSError as error:
+            return error.errno == errno.EADDRINUSE
+    return False

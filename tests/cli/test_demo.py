@@ -161,9 +161,15 @@ def test_the_browser_opens_when_the_sample_can_be_seen(models_dir: Path, tmp_pat
         "BROWSER": f"{browser} %s",
     }
     process = subprocess.Popen(
-        [sys.executable, "-m", "fastsplat.cli.main", "demo"], cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "fastsplat.cli.main", "demo"],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     )
     try:
+        assert process.stdout is not None and "without a key" in process.stdout.readline()
         while process.poll() is None and not (seen.is_file() and seen.read_text()):
             time.sleep(0.1)
         assert process.poll() is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -109,6 +110,22 @@ def test_children_do_not_outlive_a_killed_supervisor(serving):
     wait_for(lambda: served.pids("one"))
     served.process.kill()
     wait_for(lambda: not is_alive(served.pids("one")[0]))
+
+
+def test_ports_in_use_are_named_at_once_and_nothing_is_written(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as http, socket.create_server(("127.0.0.1", 0)) as metrics:
+        ports = [server.getsockname()[1] for server in (http, metrics)]
+        environment = {
+            **os.environ,
+            "FASTSPLAT_HTTP_PORT": str(ports[0]),
+            "FASTSPLAT_GRPC_PORT": "0",
+            "FASTSPLAT_METRICS_PORT": str(ports[1]),
+        }
+        command = [sys.executable, "-m", "fastsplat.cli.main", "serve"]
+        ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100)
+    assert (ended.returncode, ended.stdout, list(tmp_path.iterdir())) == (2, "", [])
+    assert f"ports {ports[0]}, {ports[1]}" in ended.stderr
+    assert "FASTSPLAT_HTTP_PORT, FASTSPLAT_METRICS_PORT" in ended.stderr
 
 
 _DEMONSTRATION = """

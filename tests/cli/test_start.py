@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import logging
 import os
+import pty
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from fastsplat.cli.operating.logs import JsonLines
+from fastsplat.cli.operating.logs import JsonLines, PlainLines
 from fastsplat.cli.operating.serve import worker_roles
 from fastsplat_contract.errors import InvalidInputError
 
@@ -66,16 +67,30 @@ def test_a_trace_is_kept():
     assert "ValueError: no" in json.loads(JsonLines("api").format(record))["trace"]
 
 
-def test_access_keys_are_not_told():
-    key = "fsk_0123456789ab_" + "aB-_" * 10 + "xyz"
-    parsed = line("opened by %s", key, header=f"Bearer {key}", deep={"a": [key]})
-    assert parsed["message"] == "opened by fsk_0123456789ab_***"
-    assert "aB-_" not in json.dumps(parsed)
+@pytest.mark.parametrize("formatter", [JsonLines, PlainLines])
+@pytest.mark.parametrize(
+    ("secret", "masked"),
+    [
+        ("fsk_0123456789ab_" + "aB-_" * 10 + "xyz", "fsk_0123456789ab_***"),
+        ("postgresql+psycopg://user:secret@host:5432/db", "postgresql+psycopg://user:***@host:5432/db"),
+    ],
+)
+def test_access_keys_and_passwords_are_not_told(formatter, secret, masked):
+    record = logging.LogRecord("room", logging.WARNING, __file__, 1, "opened by %s", (secret,), None)
+    record.header, record.deep = f"Bearer {secret}", {"a": [secret]}
+    text = formatter("api").format(record)
+    assert f"opened by {masked}" in text and secret not in text and "\n" not in text
 
 
-def test_passwords_in_urls_are_not_told():
-    parsed = line("cannot reach postgresql+psycopg://user:secret@host:5432/db")
-    assert parsed["message"] == "cannot reach postgresql+psycopg://user:***@host:5432/db"
+def test_a_terminal_gets_plain_lines():
+    terminal, stderr = pty.openpty()
+    program = "import logging; from fastsplat.cli.operating.logs import log_to_stderr; log_to_stderr('api'); "
+    program += "logging.info('ready'); logging.warning('full')"
+    subprocess.run([sys.executable, "-c", program], stderr=stderr, check=True)
+    os.close(stderr)
+    lines = os.read(terminal, 1000).decode().splitlines()
+    os.close(terminal)
+    assert [line.split(maxsplit=1)[1] for line in lines] == ["api    ready", "api    WARNING: full"]
 
 
 _CPUS = len(os.sched_getaffinity(0))
