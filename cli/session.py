@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
@@ -13,7 +14,7 @@ import typer
 
 from fastsplat.cli.connection import Address, open_client
 from fastsplat.cli.short_ids import whole_id
-from fastsplat.cli.tables import duration
+from fastsplat.service.library.job_lines import ProgressLines
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import NotFoundError, NotReadyError
 from fastsplat_contract.jobs.operations import Operation
@@ -99,10 +100,9 @@ class Session(AbstractContextManager["Session"]):
             self.tell(operation, queued)
             return
         typer.echo(queued, err=True)
-        last_line = str(operation.state)
+        tell_progress = ProgressLines(sys.stderr)
         while True:
-            if (line := progress(operation)) != last_line:
-                typer.echo(last_line := line, err=True)
+            tell_progress(operation)
             if operation.done:
                 break
             time.sleep(_POLL_S)
@@ -114,17 +114,3 @@ class Session(AbstractContextManager["Session"]):
 
     def _whole(self, text: str, noun: str, ids: Callable[[], Any]) -> str:
         return text if len(text) == _ID_LENGTH else whole_id(noun, text, ids())
-
-
-def progress(operation: Operation) -> str:
-    """Where a job stands, in one line."""
-    if operation.error is not None:
-        hint = operation.error.details.get("hint", "")
-        return f"{operation.error.stage}: {operation.error.reason}: {operation.error.message}. {hint}".rstrip()
-    if operation.done or not operation.stages:
-        jobs = f", {operation.jobs_ahead} job{'s' * (operation.jobs_ahead > 1)} ahead" if operation.jobs_ahead else ""
-        begins = f", begins in about {duration(operation.starts_in_s)}" if jobs and operation.starts_in_s else ""
-        return f"{operation.state}{jobs}{begins}"
-    last = operation.stages[-1]
-    left = "" if operation.seconds_left is None else f", about {duration(operation.seconds_left)} left in all"
-    return f"{last.stage} {last.fraction:.0%} {last.message}{left}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fastsplat.cli.demo.report import print_report, save_pictures
 from fastsplat.cli.demo.service_process import running_service
-from fastsplat.cli.session import progress
+from fastsplat.service.library.job_lines import ProgressLines
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.codec.json_codec import to_plain
@@ -89,13 +89,9 @@ def _train(client: Client, capture: Path, seconds: float | None, folder: Path) -
     name = "sample, trained here" if capture == SAMPLE_PHOTOS else capture_name  # the package's "sample" is in meters
     posted = client.create_scene(capture, name=name, options=SceneOptions(time_budget_s=seconds))
     typer.echo(f"posted {capture}: operation {posted.id}, scene {posted.scene_id}")
-    last = ""
+    tell_progress = ProgressLines()
     for operation in client.watch(posted.id):
-        # One line for each tenth of a stage: messages change several times a second.
-        step = "".join(f"{stage.stage} {int(stage.fraction * 10)}" for stage in operation.stages[-1:])
-        if step != last:
-            typer.echo(progress(operation))
-        last = step
+        tell_progress(operation)
     if operation.state != "SUCCEEDED":
         typer.echo(f"the job ended as {operation.state}: {operation.error}\nsee {folder}/service.log", err=True)
         raise typer.Exit(1)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.lazy_settings import load_settings
-from fastsplat.cli.tables import duration
+from fastsplat.service.library.job_lines import duration
 from fastsplat_contract.errors import InvalidInputError
 
 

@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.options import JobId, Watch, service_command
-from fastsplat.cli.session import Session, progress
+from fastsplat.cli.session import Session
 from fastsplat.cli.short_ids import SHORT
 from fastsplat.cli.tables import Column, facts, minute, table
+from fastsplat.service.library.job_lines import progress
 from fastsplat_contract.jobs.operations import JobAttempt, Operation, OperationList, OperationState
 from fastsplat_contract.messages.projects import GetJobLogRequest
 

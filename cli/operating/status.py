@@ -8,7 +8,8 @@ import typer
 
 from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.session import Session
-from fastsplat.cli.tables import duration, facts, minute, size
+from fastsplat.cli.tables import facts, minute, size
+from fastsplat.service.library.job_lines import duration
 from fastsplat_contract.server.server_status import ModelStatus, QuotaStatus, ServerHealth, ServerStatus, WorkerHealth
 
 if TYPE_CHECKING:

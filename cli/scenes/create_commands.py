@@ -10,6 +10,7 @@ import typer
 from fastsplat.cli.options import Watch, service_command
 from fastsplat.cli.scenes.scene_commands import scenes_app
 from fastsplat.cli.session import Session
+from fastsplat.service.library.job_lines import left_out
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.jobs.operations import Lens, Movers, PresetName, Privacy, SceneOptions, UpAxis
 
@@ -88,8 +89,8 @@ def create(
     operation = session.client.create_scene(
         capture, photos=photos, name=name or capture.resolve().stem, options=options
     )
-    for file, reason in operation.left_out.items():
-        typer.echo(f"{file} is left out: {reason}", err=True)
+    for line in () if watch else left_out(operation):
+        typer.echo(line, err=True)
     session.tell_job(operation, lambda done: f"scene {done.scene_id} is ready", watch=watch)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.common.file_names import is_system_file
 from fastsplat.service.common.process import PARENT_VARIABLE
+from fastsplat.service.library.job_lines import ProgressLines
 from fastsplat.service.library.local_scene import LocalScene, folder_settings, newest_scene
 from fastsplat_contract.errors import ConflictError, NotFoundError, NotReadyError, ResourceError
 from fastsplat_contract.jobs.operations import Operation, PresetName, SceneOptions
@@ -51,7 +52,7 @@ def train(
         tolerance_db: in place of a preset, what twice the training may still gain, 0.05 to 2 dB of PSNR.
         max_gaussians: hard limit.
         strict: reject the capture if a photo is unusable; otherwise the photo is left out and the operation lists it.
-        progress: called on every change of the operation; default prints each tenth of a stage.
+        progress: called on every change of the operation; default `ProgressLines`.
 
     Raises:
         ConflictError: the folder has a trained scene.
@@ -71,7 +72,7 @@ def train(
         operation = _post(service, source, name or source.resolve().stem, options)
         try:
             with _worker(folder) as process:
-                operation = _followed(service, operation, process, folder, progress or _ByStage())
+                operation = _followed(service, operation, process, folder, progress or ProgressLines())
         except BaseException:
             if not service.get_operation(operation.id).done:
                 service.cancel_operation(operation.id)  # an interrupted job must not resume later
@@ -160,23 +161,3 @@ def _followed(
         if operation != earlier:
             progress(operation)
     return operation
-
-
-class _ByStage:
-    """Prints left-out photos, and each tenth of a stage."""
-
-    def __init__(self) -> None:
-        self._last: str | None = None
-
-    def __call__(self, operation: Operation) -> None:
-        if self._last is None:
-            self._last = ""
-            for name, reason in operation.left_out.items():
-                print(f"left out: {name}: {reason}", flush=True)
-        if not operation.stages:
-            return
-        stage = operation.stages[-1]
-        step = f"{stage.stage} {int(stage.fraction * 10)}"
-        if step != self._last:
-            self._last = step
-            print(f"{stage.stage:<11}{stage.fraction:>5.0%} {stage.seconds:>6.1f} s  {stage.message}", flush=True)

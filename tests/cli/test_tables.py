@@ -10,7 +10,7 @@ from hypothesis import strategies as some
 from rich.cells import cell_len
 
 from fastsplat.cli.short_ids import LEAST, whole_id
-from fastsplat.cli.tables import WIDTH, Column, duration, facts, size, table
+from fastsplat.cli.tables import WIDTH, Column, facts, size, table
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 _TEXTS = some.one_of(some.text(max_size=250), some.text(alphabet="名a é\x1b\t", min_size=30, max_size=250))
@@ -69,6 +69,5 @@ def test_what_begins_no_id_is_not_found() -> None:
             whole_id("job", text, ["abcdabcd"])
 
 
-def test_sizes_and_times_are_said_in_few_letters() -> None:
+def test_sizes_are_said_in_few_letters() -> None:
     assert [size(count) for count in (0, 999, 1_000, 999_999, 3_200_000)] == ["0 B", "999 B", "1 kB", "1 MB", "3.2 MB"]
-    assert [duration(seconds) for seconds in (5, 700, 7_300)] == ["5 s", "12 min", "2 h 2 min"]
