@@ -1,4 +1,4 @@
-import { type ComponentChildren, Fragment } from "preact";
+import type { ComponentChildren } from "preact";
 
 import { isShared } from "../address/share";
 import type { Answer, SceneObject } from "../api/types";
@@ -44,18 +44,27 @@ export function FollowUps({ state, answer, onAsk, onObject, lookAgain }: Propert
     <>
       {meant.length > 0 && (
         <ul class="chips">
-          {meant.slice(0, MOST_SHOWN).map((object) => (
-            <Fragment key={object.id}>
+          {meant.slice(0, MOST_SHOWN).map((object) => {
+            const chip = (
               <Chip
+                key={object.id}
                 label={texts.ask.lookAt(texts.objects.titleOf(object))}
                 before={!object.name && <ObjectPicture state={state} object={object.id} />}
                 onClick={() => onObject(object.id)}
               >
-                {object.name || object.id}
+                {object.name || texts.objects.numbered(object.id, object.surface)}
               </Chip>
-              {!object.name && !answer.phrase?.refusal && confirm([object], answer.noun_phrase)}
-            </Fragment>
-          ))}
+            );
+            if (object.name || answer.phrase?.refusal) return chip;
+            return (
+              <li key={object.id} class="candidate">
+                <ul class="chips">
+                  {chip}
+                  {confirm([object], answer.noun_phrase)}
+                </ul>
+              </li>
+            );
+          })}
         </ul>
       )}
       {(answer.outcome === "not_here" || answer.outcome === "not_seen") && lookAgain(answer.text)}

@@ -1,7 +1,9 @@
 import { percent, plural } from "./figures";
 
-const unnamed = (id: number, what = "") =>
-  `${what ? what.charAt(0).toUpperCase() + what.slice(1) : "Object"} ${id}, no name`;
+const numbered = (id: number, what = "") =>
+  `${what ? what.charAt(0).toUpperCase() + what.slice(1) : "Object"} ${id}`;
+
+const unnamed = (id: number, what = "") => `${numbered(id, what)}, no name`;
 
 interface Named {
   id: number;
@@ -46,6 +48,7 @@ export const objectsTexts = {
   objects: {
     title: "Objects",
     none: "No objects were found in this scene.",
+    numbered,
     unnamed,
     /** The name of an object, and whether that is a guess; or what stands for it. */
     titleOf,
