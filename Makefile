@@ -14,7 +14,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 INSTALLED_FROM := pyproject.toml client/pyproject.toml constraints.txt CMakeLists.txt $(CPP)
-PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
+PIP_INSTALL := $(BIN)/pip install --disable-pip-version-check --constraint constraints.txt
 # A file's tests stay in one process, as they share its fixtures; tests/lanes.py says which files share one, and which
 # come first. Bytecode is kept, also where the environment says no: each of a hundred processes would compile it again.
 # BLAS has one thread a process, as there are more processes than cores.
