@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -84,6 +85,9 @@ def answer_lines(answer: Answer) -> list[str]:
     for obj in answer.objects or ():
         unit = "m" if obj.meters else "scene units"
         lines.append(f"  object {obj.id}, {obj.name}, at {point(obj.centroid or ())} {unit}")
+    if _is_uncovered(answer) and answer.object_ids:
+        lines.append(f"  objects that may be it: {', '.join(map(str, answer.object_ids))}")
+        lines.append(f"  to name one: fastsplat objects name SCENE {shlex.quote(answer.noun_phrase)} OBJECT")
     return lines
 
 

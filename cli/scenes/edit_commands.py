@@ -50,7 +50,7 @@ _Kinds = Annotated[
 def name(
     session: Session,
     scene: SceneId,
-    name: Annotated[str, typer.Argument(help="Their new name.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Their new name.")],
     objects: _Ids,
     alias: _Aliases = [],
     kind: _Kinds = [],

@@ -65,7 +65,9 @@ def sample(session: Session) -> None:
 
 @service_command(scenes_app)
 def rename(
-    session: Session, scene: SceneId, name: Annotated[str, typer.Argument(help="Its new name; it need not be unique.")]
+    session: Session,
+    scene: SceneId,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Its new name; it need not be unique.")],
 ) -> None:
     """Give a scene another name."""
     renamed = session.client.rename_scene(session.scene(scene), name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -105,6 +106,19 @@ def test_the_text_encoder_is_fetched_only_where_it_is_missing(
     with pytest.raises(ResourceError, match="cannot be made"):
         pull_text_encoder()
     load_settings.cache_clear()
+
+
+def test_objects_that_may_be_what_is_asked_for_are_listed(lexicon_models_dir: Path) -> None:
+    command = [sys.executable, "-m", "fastsplat.cli.main", "ask", "sample", "fork"]
+    environment = {**os.environ, "FASTSPLAT_MODELS": str(lexicon_models_dir)}
+    said, answered = (
+        subprocess.run([*command, *more], env=environment, capture_output=True, text=True, check=True).stdout
+        for more in ((), ("--json",))
+    )
+    (answer,) = json.loads(answered)["answers"]
+    assert len(answer["object_ids"]) > 1
+    listed = f"  objects that may be it: {', '.join(map(str, answer['object_ids']))}"
+    assert said.splitlines()[:2] == [answer["sentence"], listed]
 
 
 def test_models_that_others_share_are_left_as_they_are(
