@@ -99,7 +99,7 @@ def clear(folder: Path) -> None:
     """Empties or creates the demonstration's folder; `ConflictError` if other files are in it."""
     if folder.exists() and not (folder.is_dir() and ((folder / _MARK).is_file() or not any(folder.iterdir()))):
         raise ConflictError(
-            f"{folder} has objects in it that no demonstration made",
+            f"{folder} has files in it that no demonstration made",
             field="folder",
             hint="Name another one by --folder, or remove it.",
         )

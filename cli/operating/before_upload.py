@@ -46,7 +46,7 @@ def tags(
 
 
 def check(photos: Annotated[Path, typer.Argument(help="A folder of photos; it stays as it is.")]) -> None:
-    """Check photos before the upload, and predict the training time; status 1 if too few."""
+    """Check photos before the upload, and predict the training time; status 1 if any can be better."""
     from fastsplat.service.capture.uploads.photo_check import check_photos  # loads OpenCV
     from fastsplat.service.planning.job_time import PhotoSet, job_seconds
     from fastsplat.service.planning.machine import machine_speed
@@ -59,6 +59,8 @@ def check(photos: Annotated[Path, typer.Argument(help="A folder of photos; it st
             typer.echo(f"{photo.name}: {photo.advice}")
     for sentence in checked.advice:
         typer.echo(sentence)
+    if any(photo.not_placed for photo in checked.photos):
+        typer.echo("overlap is a rough guess: training may place such photos all the same", err=True)
     good = sum(not photo.advice for photo in checked.photos)
     typer.echo(f"{good} of {len(checked.photos)} photos are good", err=True)
     set_of_photos = PhotoSet(len(checked.photos), *checked.size)

@@ -85,7 +85,7 @@ def answer_lines(answer: Answer) -> list[str]:
     for obj in answer.objects or ():
         unit = "m" if obj.meters else "scene units"
         lines.append(f"  object {obj.id}, {obj.name}, at {point(obj.centroid or ())} {unit}")
-    if _is_uncovered(answer) and answer.object_ids:
+    if answer.object_ids and not answer.objects:  # none of them has a name
         lines.append(f"  objects that may be it: {', '.join(map(str, answer.object_ids))}")
         lines.append(f"  to name one: fastsplat objects name SCENE {shlex.quote(answer.noun_phrase)} OBJECT")
     return lines

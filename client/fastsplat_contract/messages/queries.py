@@ -166,7 +166,7 @@ class Answer(Response):
         Field(
             description="entries of the dictionary, up to `max_matches`: the relevant ones, then the others, each by "
             "`probability`, or, where that is absent, by `relevancy` (by `similarity`, if the server is set to score "
-            "by that); with a `phrase` the relevant ones in the order of `objects`"
+            "by that); with a `phrase` the relevant ones in the order of `object_ids`"
         ),
     ]
     masks: Annotated[
@@ -183,7 +183,7 @@ class Answer(Response):
         Many[SceneObject] | None,
         Carried("QueryResponse"),
         Field(
-            description="those of `objects` that have a name and can be seen, by label in the order of the matches, "
+            description="those of `object_ids` that have a name and can be seen, by label in the order of the matches, "
             "the largest first; absent unless asked for"
         ),
     ] = None
@@ -237,8 +237,8 @@ class Answer(Response):
             description="here: what was asked for is here; probably_here: it may be, as its name is not sure or only "
             "suggested, or what comes closest to it is here; `probability` says how likely; not_here: it is not; "
             "not_seen: nothing that was seen is it, but photos do not show enough of the place to say that it is not "
-            "here; cannot_say: it cannot be said, `sentence` says what would help, and `objects` are those that may be "
-            "it, the likeliest first"
+            "here; cannot_say: it cannot be said, `sentence` says what would help, and `object_ids` are those that may "
+            "be it, the likeliest first"
         ),
     ] = "cannot_say"
     sentence: Annotated[

@@ -173,6 +173,7 @@ def test_each_defect_is_named_and_the_folder_is_left_alone(tmp_path: Path) -> No
     result = invoke("check", str(photos))
     assert re.search(r"takes about \d+ (s|min) on this machine", result.stderr)
     assert result.exit_code == 1 and "elsewhere.png: It shares nothing" in result.stdout
+    assert "overlap is a rough guess" in result.stderr
 
 
 def test_what_is_no_folder_of_photos_is_refused(tmp_path: Path) -> None:
