@@ -26,6 +26,7 @@ def test_a_long_stage_without_progress_says_what_it_does(capsys: pytest.CaptureF
     for view in range(1, 201):
         at(0.0003 * view, f"looking for objects, view {view}/200")
     at(0.06, "segmenting 24 objects, view 1/16")
+    at(0.06, "sorting 24 masks")
     for step in range(1, 1001):
         at(0.06 + 0.00001 * step, f"step {step}, {20 + step / 1000:.2f} dB")
     tell(replace(job, state="SUCCEEDED", done=True))
@@ -34,6 +35,7 @@ def test_a_long_stage_without_progress_says_what_it_does(capsys: pytest.CaptureF
         "left out: 7.gif: unsupported",
         *(f"looking for objects, view {view}/200" for view in (1, 50, 100, 150, 200)),
         "segmenting 24 objects, view 1/16",
+        "sorting 24 masks",
         "step 1, 20.00 dB",
         "SUCCEEDED",
     ]
