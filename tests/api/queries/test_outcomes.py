@@ -60,7 +60,7 @@ def screened(service: SceneService) -> str:
     ("text", "outcome", "said"),
     [
         ("mug", "here", 'Here: "mug".'),
-        ("violin", "probably_here", 'Probably here (30 %): an unnamed object may be "violin".'),
+        ("violin", "probably_here", 'Perhaps here (30 %): an unnamed object may be "violin".'),
         ("elephant", "not_seen", "Not seen: none of the "),
         ("mug left of the ball", "cannot_say", "Cannot say: "),
         ("elephant", "not_here", "Not here"),

@@ -249,10 +249,10 @@ def room() -> SceneIndex:
 def test_objects_are_called_by_their_names_or_by_what_is_beside_them(room: SceneIndex) -> None:
     kettle, stool, cups, all_of_it = room.ask(["kettle", "stool", "cups", "what is on the table?"])
     assert kettle.sentence == (
-        'Probably here (19 %): the unnamed object beside the "lamp" and an unnamed object may be "kettle".'
+        'Perhaps here (19 %): the unnamed object beside the "lamp" and an unnamed object may be "kettle".'
     )
     assert kettle.object_ids == (3, 4)
-    assert stool.sentence == 'Probably here (30 %): an unnamed object may be "stool".'
+    assert stool.sentence == 'Perhaps here (30 %): an unnamed object may be "stool".'
     assert cups.sentence == 'Here: 2 of "cup".'
     assert all_of_it.sentence == ('Here: "lamp", the unnamed object beside the "lamp" and 2 of "cup", on the table.')
 
@@ -273,4 +273,4 @@ def test_at_most_three_are_called_and_the_rest_is_counted() -> None:
     assert listed == '"object 1x", "object 2x", "object 3x" and 2 more'
     unnamed = tuple(Object(number, suggestions=(Suggestion("jar", 0.4),)) for number in range(6, 9))
     index = SceneIndex(_scene(unnamed, []), DrawnEncoder(), QuerySettings(backend="reference"))
-    assert index.ask(["jar"])[0].sentence == 'Probably here (40 %): 3 unnamed objects may be "jar".'
+    assert index.ask(["jar"])[0].sentence == 'Perhaps here (40 %): 3 unnamed objects may be "jar".'

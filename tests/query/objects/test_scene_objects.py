@@ -161,7 +161,7 @@ def test_an_absence_says_what_was_looked_for(discovered: Scene) -> None:
     assert "none of the 2 names" in answer.sentence and "2 objects have no name" in answer.sentence
     assert answer.searched == (1, 2, (7, 9), 80)
     assert (kettle.outcome, kettle.object_ids, kettle.relation) == ("probably_here", (7,), "same")
-    assert kettle.sentence == 'Probably here (40 %): an unnamed object may be "kettle".'
+    assert kettle.sentence == 'Perhaps here (40 %): an unnamed object may be "kettle".'
     assert (named.mask3d(kettle) == named.objects.rows((7,))).all()
 
 
