@@ -214,7 +214,9 @@ class Answers:
         check_texts(dataclasses.replace(request, scene_id=""))  # an unknown id is a NotFoundError
         if "mask2d" in request.outputs and request.scene_id and not (request.cameras or request.views):
             raise InvalidInputError(
-                '"mask2d" needs a camera or a view', field="cameras", hint="Send a pose, or the name of a view."
+                '"mask2d" needs a camera or a view',
+                field="cameras",
+                hint="Send a pose, or the name of a view (view=NAME in an address).",
             )
         if request.mask3d_encoding == "ply" and "mask3d" in request.outputs and len(request.texts) > 1:
             raise LimitExceededError(
