@@ -1,7 +1,6 @@
 import { percent, plural } from "./figures";
 
-const numbered = (id: number, what = "") =>
-  `${what ? what.charAt(0).toUpperCase() + what.slice(1) : "Object"} ${id}`;
+const numbered = (id: number, what = "") => `${what ? what.charAt(0).toUpperCase() + what.slice(1) : "Object"} ${id}`;
 
 const unnamed = (id: number, what = "") => `${numbered(id, what)}, no name`;
 
