@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from functools import cached_property
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from fastsplat_client import Client
 
 _ID_LENGTH = 32
-_POLL_S = 0.5
 
 
 class Session(AbstractContextManager["Session"]):
@@ -101,12 +99,8 @@ class Session(AbstractContextManager["Session"]):
             return
         typer.echo(queued, err=True)
         tell_progress = ProgressLines(sys.stderr)
-        while True:
+        for operation in self.client.watch(operation.id):  # noqa: B020  the last one is what came of it
             tell_progress(operation)
-            if operation.done:
-                break
-            time.sleep(_POLL_S)
-            operation = self.client.operation(operation.id)
         succeeded = operation.state == "SUCCEEDED"
         self.tell(operation, text(operation) if succeeded else "")
         if not succeeded:

@@ -58,7 +58,8 @@ def demo(
         goal = (
             "see the scene" if is_built else "serve the scene to programs alone, as its page is not built (make page)"
         )
-        typer.echo(f"To {goal}: {seen_by(folder)}")
+        again = shlex.join([sys.argv[0], "demo", *(() if folder == FOLDER else ("--folder", str(folder)))])
+        typer.echo(f"To {goal}: {again}")
         return
     prepare(folder)
     try:
@@ -66,17 +67,6 @@ def demo(
     except FastSplatError as error:  # without a network all but questions works
         typer.echo(f"{error.message}: questions are not answered, all else works", err=True)
     serve_in_browser(data)
-
-
-def seen_by(folder: Path) -> str:
-    """Returns the command that shows a demonstration's folder, for this shell and directory."""
-    script = shutil.which("fastsplat", path=str(Path(sys.executable).parent)) or "fastsplat"
-    found = shutil.which("fastsplat")
-    if found and Path(found).samefile(script):
-        script = "fastsplat"
-    elif Path(script).is_relative_to(Path.cwd()):
-        script = os.path.relpath(script)
-    return shlex.join([script, "demo", *(() if folder == FOLDER else ("--folder", str(folder)))])
 
 
 def prepare(folder: Path) -> None:

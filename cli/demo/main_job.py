@@ -1,4 +1,4 @@
-"""Runs the main job on one capture through the wire protocols, and reports it."""
+"""Runs the main job on one capture over REST, and reports it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from fastsplat.service.library.job_lines import ProgressLines
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.codec.json_codec import to_plain
-from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from fastsplat_contract.messages.objects import PickedObject, SceneObject
 from fastsplat_contract.messages.queries import Answer, QueryRequest
@@ -54,12 +53,7 @@ def run_main_job(
         running_service(
             data_dir=folder / "service", models=settings.models.resolve(), log=folder / "service.log", **ports
         ) as key,
-        Client(
-            f"http://127.0.0.1:{settings.http_port}",
-            key=key,
-            grpc_target=f"127.0.0.1:{settings.grpc_port}",
-            timeout_s=120.0,
-        ) as client,
+        Client(f"http://127.0.0.1:{settings.http_port}", key=key, timeout_s=120.0) as client,
     ):
         scene, operation = _train(client, photos or SAMPLE_PHOTOS, seconds, folder)
         labels = [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
@@ -99,12 +93,9 @@ def _train(client: Client, capture: Path, seconds: float | None, folder: Path) -
 
 
 def _ask(client: Client, scene_id: str, text: str) -> Answer:
-    """The answer, checked to be the same over REST and over gRPC."""
     request = QueryRequest(scene_id, (text,), outputs=frozenset({"objects"}), max_matches=-1)
-    (rest,), (grpc,) = client.ask(request), client.ask(request, protocol="gRPC")
-    if rest != grpc:
-        raise ResourceError(f"REST and gRPC disagree:\n{rest}\n{grpc}")
-    return rest
+    (answer,) = client.ask(request)
+    return answer
 
 
 def _click_and_name(client: Client, scene_id: str, view: str) -> PickedObject | None:

@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import sys
-from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -61,7 +60,7 @@ def require_free_ports(host: str, **ports: int) -> None:
         host: address to listen on.
         ports: by the setting's name.
     """
-    used = {name: port for name, port in ports.items() if port and _is_in_use(host, port)}
+    used = {name: port for name, port in ports.items() if _is_in_use(host, port)}
     if used:
         numbers, variables = ", ".join(map(str, used.values())), ", ".join(f"FASTSPLAT_{name.upper()}" for name in used)
         raise ResourceError(
@@ -72,10 +71,8 @@ def require_free_ports(host: str, **ports: int) -> None:
 
 
 def _is_in_use(host: str, port: int) -> bool:
-    with suppress(socket.gaierror):  # of a host that is none the server says more
-        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        try:
-            socket.create_server(address[:2], family=family).close()
-        except OSError as error:
-            return error.errno == errno.EADDRINUSE
+    try:
+        socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+    except OSError as error:  # of a host that is none the server says more
+        return error.errno == errno.EADDRINUSE
     return False

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from fastsplat.cli.demo import command
-from fastsplat.cli.demo.command import clear, demo, prepare, pull_defaults, pull_text_encoder, seen_by
+from fastsplat.cli.demo.command import clear, demo, prepare, pull_defaults, pull_text_encoder
 from fastsplat.cli.demo.main_job import SAMPLE_PHOTOS, object_to_name
 from fastsplat.cli.operating.browser import has_desktop
 from fastsplat.service.library.local_scene import open_scene
@@ -35,20 +35,6 @@ def test_the_two_commands_of_the_readme_build_the_page_and_call_it(target: str, 
     ((needed, recipe),) = re.findall(rule, (_ROOT / "Makefile").read_text(), re.MULTILINE)
     assert recipe.strip().removeprefix("$(BIN)/").partition(" $(if")[0] == command
     assert {"$(PAGE)", "$(VENV)/.product"} <= set(needed.split())
-
-
-@pytest.mark.parametrize("on_path", [True, False])
-def test_what_a_training_ends_with_can_be_pasted(
-    on_path: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scripts = Path(sys.executable).parent
-    monkeypatch.setenv("PATH", f"{scripts}{os.pathsep}/usr/bin:/bin" if on_path else "/usr/bin:/bin")
-    monkeypatch.chdir(scripts.parent)
-    said = seen_by(tmp_path / "my demo")
-    assert said.startswith("fastsplat demo" if on_path else f"{scripts.name}/fastsplat demo")
-    result = subprocess.run(["/bin/sh", "-c", f"{said} --help"], capture_output=True, text=True, check=True)
-    assert "--folder" in result.stdout and "my demo" in said
-    assert "--folder" not in seen_by(command.FOLDER)
 
 
 def test_the_package_has_the_photos_of_the_sample() -> None:
