@@ -75,6 +75,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   const motion = useRef<CameraMotion | null>(null);
   const splats = useMemo(() => new LoadedSplats(), []);
   const home = useRef<LookAt | null>(null);
+  const flownTo = useRef("");
   const touched = useRef<AbortSignal | null>(null); // aborted by the person's first gesture
   const unbounded = useRef<LookAt | null>(null); // where gestures began before it was known what photos saw
   const shownUnit = useRef(1); // meters by a unit of the trained scene
@@ -98,7 +99,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       state.change.view.value = now;
       element.dataset["view"] = viewText(now);
       if (!resting) return;
-      setUnseen(bound.peek()?.showsNothing(now) ?? false);
+      // What was flown to a photo shows, be it at its edge.
+      setUnseen(viewText(now) !== flownTo.current && (bound.peek()?.showsNothing(now) ?? false));
       latest.current(now);
     });
     motion.current = camera;
@@ -110,7 +112,9 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       flyToSight: (sight) => {
         const cameras = state.scene.peek()?.cameras ?? [];
         const shown = (view: LookAt) => bound.peek()?.shows(view) ?? true;
-        camera.flyTo(viewOfSight(sight, cameras, camera.view, sizeNow(), shown));
+        const goal = viewOfSight(sight, cameras, camera.view, sizeNow(), shown);
+        flownTo.current = viewText(goal);
+        camera.flyTo(goal);
       },
     };
     const walking = new Walking(element, state);
