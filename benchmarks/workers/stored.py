@@ -87,7 +87,7 @@ def _calls(store: Store) -> dict[str, Callable[[], object]]:
 
     def minute() -> None:  # and `hour`: as workers/engine/cleanup.py
         store.jobs.over(())
-        store.jobs.uploads(0.0)
+        store.jobs.unneeded_uploads((), 0.0)
         store.jobs.delete_ended(0.0)
 
     def hour() -> None:

@@ -219,7 +219,7 @@ def test_of_two_servers_that_share_a_store_the_faster_one_goes_on(tmp_path: Path
         _append(second, upload.id, 4, [b"ef"])
         assert _bytes_of(first, upload.id) == _bytes_of(second, upload.id) == b"abcdef"
         assert here.blobs.ids("uploads") == there.blobs.ids("uploads") == (upload.id,)
-        assert here.jobs.uploads(0.0) == (frozenset([upload.id]), frozenset())
+        assert here.jobs.unneeded_uploads([upload.id], 0.0) == (frozenset(), frozenset())
         second.delete("k", upload.id)
         for uploads in (first, second):
             with pytest.raises(NotFoundError):

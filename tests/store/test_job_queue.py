@@ -22,6 +22,7 @@ def test_projects_take_turns_whatever_the_priorities_of_another(store: Store) ->
         store.scenes.create(replace(job(number), project=project, priority=priority))
     foreseen, first = ([record.id for record in store.jobs.in_turn(most)] for most in (None, 1))
     assert first == foreseen[:2]  # one of each project
+    assert [job.id for job in store.jobs.queued_in_turn()] == foreseen
     ran = []
     while claim := store.jobs.claim_next("worker"):
         store.jobs.succeed(claim, SUMMARY)

@@ -130,11 +130,12 @@ def test_uploads_of_failed_and_cancelled_jobs_are_needed_for_a_while_and_while_t
     store.scenes.cancel("op2")
     store.jobs.succeed(store.jobs.claim("op3"), SUMMARY)
     uploads = {number: store.scenes.operation(f"op{number}").upload_id for number in range(1, 5)}
-    needed, unneeded = store.jobs.uploads(ended_since=time.time() - 60)
-    assert (needed, unneeded) == ({uploads[1], uploads[2], uploads[4]}, {uploads[3]})
-    assert store.jobs.uploads(ended_since=time.time() + 60)[0] == {uploads[4]}
+    stored = {*uploads.values(), *(f"unknown{number}" for number in range(2_500))}  # more than one query asks for
+    unknown = stored - {*uploads.values()}
+    assert store.jobs.unneeded_uploads(stored, time.time() - 60) == ({uploads[3]}, unknown)
+    assert store.jobs.unneeded_uploads(stored, time.time() + 60) == ({*uploads.values()} - {uploads[4]}, unknown)
     store.scenes.delete_scene("scene2")
-    assert store.jobs.uploads(ended_since=time.time() - 60)[0] == {uploads[1], uploads[4]}
+    assert store.jobs.unneeded_uploads(stored, time.time() - 60) == ({uploads[2], uploads[3]}, unknown)
 
 
 def test_success_of_a_deleted_scene_shows_nothing(store):
@@ -221,7 +222,7 @@ _CALLS = {
     "jobs.claim": ("op1",), "jobs.attempts_of": (["op1"],), "jobs.owners": (), "jobs.take_back": ("worker",),
     "jobs.release": (_CLAIM,), "jobs.report": (_CLAIM, []), "jobs.check": (_CLAIM,),
     "jobs.succeed": (_CLAIM, SUMMARY), "jobs.fail": (_CLAIM, {}), "jobs.cancelled": (_CLAIM,), "jobs.over": (["op1"],),
-    "jobs.delete_ended": (0.0,), "jobs.uploads": (0.0,), "jobs.retry": ("op1", 0.0),
+    "jobs.delete_ended": (0.0,), "jobs.unneeded_uploads": (["up"], 0.0), "jobs.retry": ("op1", 0.0),
     "jobs.unknown_scenes": (["scene1"],), "workers.update_heartbeat": ("a", "host", 1), "workers.list_workers": (),
     "workers.alive": (10.0,), "workers.mark_stopped": ("a",), "workers.unregister": ("a",),
     "workers.take_lease": ("cleanup", 60.0),

@@ -36,10 +36,9 @@ def remove_unneeded(
     jobs, uploads = blobs.ids("jobs"), blobs.ids("uploads")
     for run_id in store.jobs.over(jobs):
         blobs.drop_job(run_id)
-    needed, used = store.jobs.uploads(time.time() - failed_upload_retention_s)
-    for upload_id in uploads:
-        if upload_id in used or (upload_id not in needed and blobs.upload_age(upload_id) > upload_expiry_s):
-            blobs.drop_upload(upload_id)
+    used, unknown = store.jobs.unneeded_uploads(uploads, time.time() - failed_upload_retention_s)
+    for upload_id in used.union(name for name in unknown if blobs.upload_age(name) > upload_expiry_s):
+        blobs.drop_upload(upload_id)
     if store.engine.dialect.name == "sqlite":
         store.reserve.fill()
     blobs.remove_old_logs(ended_job_retention_s)

@@ -14,7 +14,7 @@ from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.rows.records import PREDICTED_S, SECONDS_LEFT, OperationRecord
+from fastsplat.service.store.rows.records import PREDICTED_S, SECONDS_LEFT, OperationRecord, QueuedJob
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.jobs.operations import JobEstimate, SceneOptions
@@ -99,23 +99,24 @@ class QueueTimes:
             return self._ahead
 
     def _forecast(self) -> Mapping[str, Ahead]:
-        heard_since, under_way = time.time() - self._timeout_s, self._store.jobs.under_way()
+        heard_since, queue = time.time() - self._timeout_s, self._store.jobs
+        under_way = queue.running(owned=True)
         ends = [_seconds_of(job, heard_since) for job in under_way]
         ends += [0.0] * (self._store.workers.alive(self._timeout_s) - len(ends))
         heapify(ends := ends or [math.inf])
         ahead, number = {}, sum(not job.cancel_requested for job in under_way)
-        for job in self._store.jobs.in_turn():
+        for job in (*queue.running(owned=False), *queue.queued_in_turn()):
             ahead[job.id] = number, ends[0]
             number += not job.cancel_requested
             heapreplace(ends, ends[0] + _seconds_of(job, heard_since))  # the first free worker takes it
         return ahead
 
 
-def _seconds_of(job: OperationRecord, heard_since: float) -> float:
+def _seconds_of(job: OperationRecord | QueuedJob, heard_since: float) -> float:
     """Remaining seconds of a job, as predicted or last reported; infinite: unknown."""
     if job.cancel_requested:
         return 0.0
-    if job.state == "QUEUED":
+    if isinstance(job, QueuedJob):
         return float(job.options.get(PREDICTED_S, math.inf))
     left = job.stages[-1]["metrics"].get(SECONDS_LEFT, -1) if job.stages and job.updated_at >= heard_since else -1
     return float(left) if left >= 0 else math.inf

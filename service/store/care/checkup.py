@@ -134,10 +134,9 @@ def check_left_over(
         yield Problem(f"scenes/{scene_id}", "the database knows nothing of this scene: is it the right one?", _LOST)
     for name in store.blobs.trashed_scenes():
         yield Problem(f"trash/scenes/{name}", "a scene that lost its row; erased after seven days here", _LOST)
-    needed, used = store.jobs.uploads(failed_upload_since)
-    for upload_id in uploads:
-        if upload_id in used or (upload_id not in needed and store.blobs.upload_age(upload_id) > upload_expiry_s):
-            yield Problem(f"uploads/{upload_id}", "an upload that no job needs", mendable=True)
+    used, unknown = store.jobs.unneeded_uploads(uploads, failed_upload_since)
+    for upload_id in sorted(used.union(name for name in unknown if store.blobs.upload_age(name) > upload_expiry_s)):
+        yield Problem(f"uploads/{upload_id}", "an upload that no job needs", mendable=True)
     if not isinstance(store.blobs, ObjectStoreBlobs):
         for path in store.blobs.half_removed():
             yield Problem(f"trash/{path.name}", "it was being removed when a process ended", mendable=True)

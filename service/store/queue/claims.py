@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from itertools import zip_longest
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 from sqlalchemy import ColumnElement, Connection, RowMapping, Select, Update, and_, func, insert, select, update
 
@@ -16,7 +16,7 @@ from fastsplat.service.common.setting_groups import ModelChoice
 from fastsplat.service.store.repositories.scene_repository import as_operation
 from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable, first_readable, is_time, require
 from fastsplat.service.store.rows.database import Repository, upsert
-from fastsplat.service.store.rows.records import REASONS, OperationRecord
+from fastsplat.service.store.rows.records import REASONS, OperationRecord, QueuedJob
 from fastsplat.service.store.rows.schema import QUEUE_ORDER, QUEUED, attempts, operations, turns
 from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, JobAttempt, OperationState
 
@@ -44,6 +44,9 @@ _PROJECTS_IN_TURN = _projects_in_turn()  # built once, which takes longer than t
 
 JobRequest = Literal["cancel", "finish"]
 """A request to a running job: stop, or end training early and keep the result."""
+
+
+J = TypeVar("J", OperationRecord, QueuedJob)
 
 
 class FencedError(Exception):
@@ -132,24 +135,26 @@ class JobQueue(Repository):
         place = func.row_number().over(partition_by=operations.c.project, order_by=QUEUE_ORDER).label("place")
         first = select(operations.c.id, place).where(QUEUED).subquery()
         queued_here = QUEUED if most is None else operations.c.id.in_(select(first.c.id).where(first.c.place <= most))
-        with self._reading() as connection:
-            query = select(operations).where(_BEGUN | queued_here).order_by(*QUEUE_ORDER)
-            rows = connection.execute(query).mappings()
-            waiting = each_readable(rows, as_operation)
-            projects = connection.scalars(_PROJECTS_IN_TURN).all()
-        queued: dict[str, list[OperationRecord]] = {project: [] for project in projects}
-        for job in waiting:
-            if job.state == "QUEUED":
-                queued.setdefault(job.project, []).append(job)
-        rounds = zip_longest(*queued.values())
-        begun = [job for job in waiting if job.state == "RUNNING"]
-        return [*begun, *(job for jobs in rounds for job in jobs if job is not None)]
+        return [*self.running(owned=False), *self._taking_turns(select(operations).where(queued_here), as_operation)]
 
-    def under_way(self) -> Sequence[OperationRecord]:
-        """Lists the jobs that a worker has."""
-        query = select(operations).where(operations.c.state == "RUNNING", operations.c.worker != "")
+    def queued_in_turn(self) -> Sequence[QueuedJob]:
+        """Lists the queued jobs of `in_turn`, without most of their rows, as thousands may wait."""
+        columns = (operations.c[column.name] for column in fields(QueuedJob))
+        return self._taking_turns(select(*columns).where(QUEUED), lambda row: QueuedJob(**row))
+
+    def _taking_turns(self, query: Select[Any], read: Callable[[RowMapping], J]) -> Sequence[J]:
         with self._reading() as connection:
-            return each_readable(connection.execute(query).mappings(), as_operation)
+            jobs = each_readable(connection.execute(query.order_by(*QUEUE_ORDER)).mappings(), read)
+            queued: dict[str, list[J]] = {project: [] for project in connection.scalars(_PROJECTS_IN_TURN)}
+        for job in jobs:
+            queued.setdefault(job.project, []).append(job)
+        return [job for jobs in zip_longest(*queued.values()) for job in jobs if job is not None]
+
+    def running(self, *, owned: bool) -> Sequence[OperationRecord]:
+        """Lists the begun jobs that a worker has, or those that none has."""
+        query = select(operations).where(operations.c.state == "RUNNING", (operations.c.worker != "").is_(owned))
+        with self._reading() as connection:
+            return each_readable(connection.execute(query.order_by(*QUEUE_ORDER)).mappings(), as_operation)
 
     def claim(self, operation_id: str, worker: str = "") -> Claim | None:
         """Claims a waiting job out of turn, counts one start and fences earlier claims; None if it does not wait.

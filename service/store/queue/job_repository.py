@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Engine, delete, exists, insert, select, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Engine,
+    RowMapping,
+    Select,
+    and_,
+    delete,
+    exists,
+    insert,
+    or_,
+    select,
+    update,
+)
 
 from fastsplat.service.store.queue.claims import (
     LONGEST_PAUSE_S,
@@ -46,6 +59,8 @@ from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter
 _UNFINISHED = ("QUEUED", "RUNNING")
 _RETRIED = ("FAILED", "CANCELLED")
 _REQUESTED = (operations.c.cancel_requested, operations.c.finish_requested)
+_OF_SCENE = scenes.c.id == operations.c.scene_id
+_AT_ONCE = 1_000
 
 _ROWS = scene_versions.c
 
@@ -214,7 +229,7 @@ class JobRepository(JobQueue):
         """Filters run ids to those ended or unknown; operations with unreadable rows count as running."""
         unfinished = select(operations).where(operations.c.state.not_in(FINAL_STATES))
         with self._reading() as connection:
-            rows = connection.execute(unfinished).mappings().all()
+            rows = _among(connection, unfinished, operations.c.id, {run.partition(".")[0] for run in run_ids})
         records = {record.id: record.run_id for record in each_readable(rows, as_operation)}
         unreadable = frozenset(row["id"] for row in rows) - records.keys()
         live_runs = frozenset(records.values()) | {run for run in run_ids if run.partition(".")[0] in unreadable}
@@ -225,39 +240,37 @@ class JobRepository(JobQueue):
         unneeded = select(operations.c.id).where(
             operations.c.updated_at < before,
             operations.c.state.in_(FINAL_STATES),
-            ~exists().where(scenes.c.id == operations.c.scene_id),
+            ~exists().where(_OF_SCENE),
         )
         with self._writing() as connection:
             for column in (attempts.c.operation_id, operations.c.id):
                 connection.execute(delete(column.table).where(column.in_(unneeded)))
             connection.execute(delete(resumable_uploads).where(resumable_uploads.c.expires_at < self._now()))
 
-    def uploads(self, ended_since: float) -> tuple[frozenset[str], frozenset[str]]:
-        """Returns the uploads that operations need or that are still coming in, and those no longer needed.
+    def unneeded_uploads(
+        self, upload_ids: Collection[str], ended_since: float
+    ) -> tuple[frozenset[str], frozenset[str]]:
+        """Filters upload ids to those that operations no longer need, and those of no operation, not coming in.
 
         Failed or cancelled operations need theirs for a retry if they ended after `ended_since` (seconds since 1970)
         and their scene still exists.
         """
         rows = operations.c
-        query = select(rows.upload_id, rows.state, rows.updated_at, scenes.c.id.label("scene")).select_from(
-            operations.outerjoin(scenes, scenes.c.id == rows.scene_id)
-        )
+        retried = and_(rows.state.in_(_RETRIED), rows.updated_at >= ended_since, exists().where(_OF_SCENE))
+        query = select(rows.upload_id, or_(rows.state.in_(_UNFINISHED), retried).label("needed"))
+        coming = select(resumable_uploads.c.id).where(resumable_uploads.c.expires_at >= self._now())
         with self._reading() as connection:
-            stored = connection.execute(query).all()
-            coming = select(resumable_uploads.c.id).where(resumable_uploads.c.expires_at >= self._now())
-            unfinished = frozenset(connection.scalars(coming))
-        needed = unfinished | frozenset(
-            row.upload_id
-            for row in stored
-            if row.state in _UNFINISHED
-            or (row.state in _RETRIED and row.scene is not None and row.updated_at >= ended_since)
-        )
-        return needed, frozenset(row.upload_id for row in stored) - needed
+            found = _among(connection, query, rows.upload_id, upload_ids)
+            unknown = frozenset(upload_ids) - frozenset(connection.scalars(coming))
+        known = frozenset(row["upload_id"] for row in found)
+        needed = frozenset(row["upload_id"] for row in found if row["needed"])
+        return (unknown & known) - needed, unknown - known
 
     def unknown_scenes(self, scene_ids: Sequence[str]) -> frozenset[str]:
         """Filters scene ids to those without a row."""
         with self._reading() as connection:
-            return frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
+            found = _among(connection, select(scenes.c.id), scenes.c.id, scene_ids)
+        return frozenset(scene_ids).difference(row["id"] for row in found)
 
     def lost_scenes(self, scene_ids: Sequence[str], ended_before: float) -> tuple[frozenset[str], frozenset[str]]:
         """Splits scene ids without a row into those of ended operations and those without any.
@@ -267,11 +280,10 @@ class JobRepository(JobQueue):
         """
         with self._reading() as connection:
             rest = frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
-            columns = operations.c.scene_id, operations.c.state, operations.c.updated_at
-            jobs = connection.execute(select(*columns)).all() if rest else ()
-        known = frozenset(job.scene_id for job in jobs)
-        open_ones = (job for job in jobs if job.state in _UNFINISHED or job.updated_at >= ended_before)
-        return (rest & known) - frozenset(job.scene_id for job in open_ones), rest - known
+            open_here = or_(operations.c.state.in_(_UNFINISHED), operations.c.updated_at >= ended_before).label("open")
+            jobs = _among(connection, select(operations.c.scene_id, open_here), operations.c.scene_id, rest)
+        known = frozenset(job["scene_id"] for job in jobs)
+        return known.difference(job["scene_id"] for job in jobs if job["open"]), rest - known
 
     @staticmethod
     def _publish(
@@ -319,6 +331,17 @@ class JobRepository(JobQueue):
             end_attempt(connection, claim.operation.id, why)
             unmade = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
             connection.execute(unmade.values(state=state))
+
+
+def _among(
+    connection: Connection, query: Select[Any], column: ColumnElement[str], values: Collection[str]
+) -> Sequence[RowMapping]:
+    """Reads the rows of a query that have one of the values, however many these are."""
+    sought, rows = sorted(values), list[RowMapping]()
+    for start in range(0, len(sought), _AT_ONCE):
+        some = query.where(column.in_(sought[start : start + _AT_ONCE]))
+        rows += connection.execute(some).mappings()
+    return rows
 
 
 def _succeeded(result: Mapping[str, Any] | None) -> dict[str, Any]:

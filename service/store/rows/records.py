@@ -111,6 +111,19 @@ class OperationRecord:
 
 
 @dataclass(frozen=True)
+class QueuedJob:
+    """The columns of an operation that waits by which its queue is foreseen."""
+
+    id: str
+    project: str
+    cancel_requested: bool
+    options: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        require_fields(f"operation {self.id}", self)
+
+
+@dataclass(frozen=True)
 class NewJob:
     """A job to be created, together with its scene if it makes one."""
 

@@ -92,6 +92,7 @@ operations = Table(
     _project(),
     UniqueConstraint("project", "request_id", name="operations_request"),
     Index("operations_by_state", "state", "project"),
+    Index("operations_by_upload", "upload_id"),
 )
 
 # A literal, as neither database proves by a bound value that a query may use the partial index.
