@@ -10,10 +10,11 @@ import pytest
 from sqlalchemy import select
 
 from fastsplat.service.store.queue.claims import FencedError
-from fastsplat.service.store.rows.schema import operations
+from fastsplat.service.store.rows.schema import leases, operations
 from fastsplat.service.store.store import Store
 from tests.at_once import at_once
 from tests.store.test_repositories import SUMMARY, job
+from tests.waiting import wait_for
 
 
 def test_projects_take_turns_whatever_the_priorities_of_another(store: Store) -> None:
@@ -138,13 +139,30 @@ def test_a_job_goes_to_a_worker_that_has_what_it_needs(store: Store) -> None:
 
 
 def test_work_that_all_share_is_done_by_one_at_a_time(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    def take() -> bool:
-        return store.workers.take_lease("cleanup", 60.0)
+    def take(name: str = "cleanup") -> bool:
+        with store.workers.leased(name, 60.0) as taken:
+            return taken
 
     assert sorted(at_once(*[take] * 4)) == [False, False, False, True]
-    assert store.workers.take_lease("something else", 60.0)
+    assert take("something else")
     clock = [time.time()]
     monkeypatch.setattr(time, "time", lambda: clock[0])
     for step_s, taken in ((61, True), (1, False), (-3600, True)):  # the last by a clock that does not agree
         clock[0] += step_s
         assert take() == taken
+
+
+def test_nobody_has_shared_work_while_it_is_done_however_long_that_takes(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def leased_until() -> float:
+        with store.engine.connect() as connection:
+            return connection.scalar(select(leases.c.until))
+
+    with store.workers.leased("cleanup", 0.3) as mine:
+        first = leased_until()
+        wait_for(lambda: leased_until() > first)
+        with monkeypatch.context() as patch:
+            patch.setattr(time, "time", lambda: first + 0.01)  # the first lease is over
+            with store.workers.leased("cleanup", 0.3) as taken:
+                assert mine and not taken

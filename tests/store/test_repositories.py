@@ -225,7 +225,7 @@ _CALLS = {
     "jobs.delete_ended": (0.0,), "jobs.unneeded_uploads": (["up"], 0.0), "jobs.retry": ("op1", 0.0),
     "jobs.unknown_scenes": (["scene1"],), "workers.update_heartbeat": ("a", "host", 1), "workers.list_workers": (),
     "workers.alive": (10.0,), "workers.mark_stopped": ("a",), "workers.unregister": ("a",),
-    "workers.take_lease": ("cleanup", 60.0),
+    "workers._lease": ("cleanup", 60.0),
 }  # fmt: skip
 
 

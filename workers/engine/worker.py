@@ -161,13 +161,15 @@ def _repeat(worker: Worker, name: str, task: Callable[[], None], interval_s: flo
 
 def _clean_up(worker: Worker) -> None:
     store, settings, now = worker.store, worker.settings, ActivityClock(worker.store.blobs.root).now()
-    if store.workers.take_lease("cleanup", _CLEANUP_INTERVAL_S + _MARGIN_S):
-        uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
-        remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
-    if store.workers.take_lease("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S + _MARGIN_S):
-        store.blobs.remove_partial(PARTIAL_EXPIRY_S)
-        trash_lost_scenes(store, now)
-        trash_lost_versions(store, min(time.time(), now))
+    with store.workers.leased("cleanup", _CLEANUP_INTERVAL_S + _MARGIN_S) as mine:
+        if mine:
+            uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
+            remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
+    with store.workers.leased("storage cleanup", _STORAGE_CLEANUP_INTERVAL_S + _MARGIN_S) as mine:
+        if mine:
+            store.blobs.remove_partial(PARTIAL_EXPIRY_S)
+            trash_lost_scenes(store, now)
+            trash_lost_versions(store, min(time.time(), now))
 
 
 def wait_for_space(data_dir: Path, pause: Callable[[float], bool]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -45,9 +46,27 @@ class WorkerRepository(Repository):
         with self._writing() as connection:
             connection.execute(update(workers).where(workers.c.executor_id == executor_id).values(heartbeat_at=0.0))
 
-    def take_lease(self, name: str, seconds: float) -> bool:
-        """Leases a piece of work that all workers share; False while somebody has it."""
-        return self._lease(name, seconds) is not None
+    @contextmanager
+    def leased(self, name: str, seconds: float) -> Iterator[bool]:
+        """Leases work that all workers share; yields False while somebody has it.
+
+        Nobody else has it during the block, however long that takes, nor `seconds` after it began or was prolonged.
+        """
+        until, over = self._lease(name, seconds), threading.Event()
+
+        def prolong(until: float) -> None:
+            while not over.wait(seconds / 3):
+                with suppress(DatabaseError), self._writing() as connection:
+                    mine = update(leases).where(leases.c.name == name, leases.c.until == until)
+                    until = time.time() + seconds
+                    connection.execute(mine.values(until=until))
+
+        if until is not None:
+            threading.Thread(target=prolong, args=(until,), daemon=True).start()
+        try:
+            yield until is not None
+        finally:
+            over.set()
 
     @contextmanager
     def exclusive(self, name: str, seconds: float) -> Iterator[None]:
