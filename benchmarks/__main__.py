@@ -58,6 +58,7 @@ BENCHMARKS = {
         "twelve drawn rooms: how whole, clean and rightly named objects are (six; --split test: the others)"
     ),
     "serve": Benchmark("the API under load"),
+    "servers": Benchmark("one, two and three API servers of one database and one bucket", module="serve.servers"),
     "subscriptions": Benchmark("subscriptions at 10 poses a second for 10 minutes, a training beside"),
     "trade": Benchmark("what time, memory and bytes buy, as a table and pictures", _TEST),
     "training": Benchmark("PSNR against seconds", (*_TEST, f"{_DATA}/tabletop")),

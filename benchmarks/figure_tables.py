@@ -275,6 +275,20 @@ def _serve(document: Document) -> Iterator[Row]:
     yield f"memory after {growth['requests']:,} mixed requests", f"{growth['growth'] * 100:+.1f} %"
 
 
+def _servers(document: Document) -> Iterator[Row]:
+    names = {"ranking": "ranking", "mask": "ranking and a 2D mask"}
+    for row in sorted(document["rows"], key=lambda row: list(names).index(row["question"])):
+        cpu = row["cpu_ms"]
+        cells = [
+            f"{row['servers']}",
+            f"{row['questions_a_second']:.0f}",
+            f"{row['p50_ms']:.0f}",
+            f"{row['p99_ms']:.0f}",
+        ]
+        cells += [f"{cpu['servers']:.1f}", f"{cpu['database']:.2f}", f"{1e3 / cpu['servers']:.0f}"]
+        yield names[row["question"]], *cells, f"{cpu['servers'] / cpu['database']:.0f}"
+
+
 def _workers(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         workers, jobs, busy = row["workers"], row["jobs_a_day"], row["database"]

@@ -101,17 +101,17 @@ def _overhead(settings: Settings, scene: str, api: Api, note: Note) -> None:
 
 
 def _crowd(scene: str, api: Api, seconds: float, note: Note) -> None:
-    load_of(Load(api.http_port, _paths(scene), api.key, 50, 2.0))
-    got = load_of(Load(api.http_port, _paths(scene), api.key, 50, seconds))
+    load_of(Load((api.http_port,), _paths(scene), api.key, 50, 2.0))
+    got = load_of(Load((api.http_port,), _paths(scene), api.key, 50, seconds))
     ratio = round(got["p99_ms"] / got["p50_ms"], 2)
     fine = set(got["statuses"]) == {"200"} and ratio <= 5
     note("50 clients", "no error, p99 at most 5 times p50", fine, p99_over_p50=ratio, **got)
 
 
 def _flood(scene: str, api: Api, seconds: float, note: Note) -> None:
-    load_of(Load(api.http_port, _paths(scene), api.key, 16, 2.0))
-    calm = load_of(Load(api.http_port, _paths(scene), api.key, 16, seconds, probe="/livez"))
-    flood = load_of(Load(api.http_port, _paths(scene), api.key, 160, seconds, probe="/livez"))
+    load_of(Load((api.http_port,), _paths(scene), api.key, 16, 2.0))
+    calm = load_of(Load((api.http_port,), _paths(scene), api.key, 16, seconds, probe="/livez"))
+    flood = load_of(Load((api.http_port,), _paths(scene), api.key, 160, seconds, probe="/livez"))
     ratio = round(flood["p99_ms"] / calm["p99_ms"], 2)
     fine = ratio <= 2 and set(flood["statuses"]) <= {"200", "429", "503", "probe 200"}
     note(
@@ -127,9 +127,9 @@ def _soak(scene: str, api: Api, seconds: float, note: Note) -> None:
         f"/v1/scenes/{scene}/{kind}.png?view={view}.jpg&text=tea" for kind in ("overlay", "rgb") for view in range(4)
     )
     mixed = (*_paths(scene) * 6, *pictures, "/v1/scenes", f"/v1/scenes/{scene}", "/query?text=", "/v1/scenes/none")
-    load_of(Load(api.http_port, mixed, api.key, 8, min(30.0, seconds)))
+    load_of(Load((api.http_port,), mixed, api.key, 8, min(30.0, seconds)))
     before = api.resident_mib()
-    got = load_of(Load(api.http_port, mixed, api.key, 8, seconds))
+    got = load_of(Load((api.http_port,), mixed, api.key, 8, seconds))
     after = api.resident_mib()
     growth = round(after / before - 1, 4)
     figures = {"before_mib": before, "after_mib": after, "requests": sum(got["statuses"].values())}
@@ -151,8 +151,8 @@ def _shelf(settings: Settings, small: Any, note: Note) -> None:
     for _ in range(4):
         for name, (shelf_settings, scene) in shelves.items():
             with Api(shelf_settings, {}) as api:
-                load_of(Load(api.http_port, _paths(scene), api.key, 1, 30.0, requests=200))
-                got = load_of(Load(api.http_port, _paths(scene), api.key, 1, 30.0, requests=1500))
+                load_of(Load((api.http_port,), _paths(scene), api.key, 1, 30.0, requests=200))
+                got = load_of(Load((api.http_port,), _paths(scene), api.key, 1, 30.0, requests=1500))
                 times[name].append(float(got["p50_ms"]))
     change = round(median(times["among_1000"]) / median(times["alone"]) - 1, 3)
     note("1,000 stored scenes", "/query?scene= changes by under 10 %", change < 0.1, change=change, p50_ms=times)

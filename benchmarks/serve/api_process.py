@@ -25,7 +25,7 @@ class Api:
 
     def __init__(self, settings: Settings, environment: Mapping[str, str]) -> None:
         self._settings = settings
-        self.http_port, self.grpc_port, metrics_port = _free_ports(3)
+        self.http_port, self.grpc_port, metrics_port = free_ports(3)
         self._environment = {
             **os.environ,
             "FASTSPLAT_DATA_DIR": str(settings.data_dir),
@@ -67,6 +67,11 @@ class Api:
             base_url=f"http://127.0.0.1:{self.http_port}", headers={"Authorization": f"Bearer {self.key}"}, timeout=60
         )
 
+    @property
+    def pid(self) -> int:
+        """Id of the process."""
+        return self._process.pid
+
     def resident_mib(self) -> float:
         """Resident memory of the process."""
         with open(f"/proc/{self._process.pid}/status") as status:
@@ -83,7 +88,8 @@ def load_of(load: Load) -> dict[str, Any]:
     return result
 
 
-def _free_ports(count: int) -> list[int]:
+def free_ports(count: int) -> list[int]:
+    """Ports of loopback on which nobody listens."""
     listeners = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
     ports = [listener.getsockname()[1] for listener in listeners]
     for listener in listeners:

@@ -21,7 +21,7 @@ class Load:
     """What to send.
 
     Attributes:
-        port: on loopback.
+        ports: of servers on loopback, which clients are divided among.
         paths: GET targets; each client walks through them, starting at one of its own.
         key: API key.
         clients: connections, each with one request under way.
@@ -30,7 +30,7 @@ class Load:
         probe: a path that one more client asks for ten times a second, timed apart; "" for none.
     """
 
-    port: int
+    ports: tuple[int, ...]
     paths: tuple[str, ...]
     key: str
     clients: int
@@ -50,7 +50,7 @@ async def run(load: Load) -> dict[str, object]:
     async def client(number: int) -> None:
         nonlocal left
         turn = random.Random(number)
-        connection = _Connection(load.port, load.key)
+        connection = _Connection(load.ports[number % len(load.ports)], load.key)
         await asyncio.sleep(turn.uniform(0, 0.2))  # not all in the same instant
         while left > 0 and time.monotonic() < deadline:
             left -= 1
@@ -67,7 +67,7 @@ async def run(load: Load) -> dict[str, object]:
         connection.close()
 
     async def prober() -> None:
-        connection = _Connection(load.port, "")
+        connection = _Connection(load.ports[0], "")
         while time.monotonic() < deadline:
             begun = time.perf_counter()
             status, _ = await connection.get(load.probe)

@@ -79,12 +79,13 @@ def add_scene(store: Store, scene: Scene, like: str = "") -> str:
     scene_id, operation_id = uuid.uuid4().hex, uuid.uuid4().hex
     options: dict[str, object] = {"labels": [], "time_budget_s": None, "max_gaussians": None}
     store.scenes.create(NewJob(scene_id, operation_id, "room", "", "", uuid.uuid4().hex, options))
-    folder = store.blobs.version(scene_id, "1")
     if like:
-        _link_tree(store.blobs.version(like, "1"), folder)
+        _link_tree(store.blobs.version(like, "1"), store.blobs.version(scene_id, "1"))
     else:
+        folder = store.blobs.job(operation_id)
         write_scene(scene, folder / "artefact")
         write_ply(scene.gaussians, folder / "scene.ply")
+        store.blobs.publish(folder, scene_id, "1")
     claim = store.jobs.claim(operation_id)
     assert claim is not None
     rows = [

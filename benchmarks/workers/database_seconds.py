@@ -1,4 +1,4 @@
-"""Seconds of processors that a PostgreSQL server has taken."""
+"""Seconds of processors that processes have taken."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ _CLOCK = os.sysconf("SC_CLK_TCK")
 def cpu_seconds(server: PostgresServer) -> float:
     """Seconds of processors that all processes of a server took so far."""
     assert server._process is not None
-    main_id = server._process.pid
+    return process_seconds(server._process.pid)
+
+
+def process_seconds(main_id: int) -> float:
+    """Seconds of processors that a process and its children took so far."""
     children = Path(f"/proc/{main_id}/task/{main_id}/children").read_text().split()
     fields = [Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split() for pid in (str(main_id), *children)]
     # utime and stime of each; of the first also what its children took that have ended (proc(5)).
