@@ -87,7 +87,17 @@ def _mean(work: Callable[[], None]) -> tuple[float, float]:
 
 
 def _step(backend: Backend) -> Callable[[], None]:
-    splats, viewmat, target = _workload()
+    random = torch.Generator().manual_seed(0)
+    place, size = torch.tensor([-1.0, -0.75, 1.5]), torch.tensor([2.0, 1.5, 2.0])
+    parts = (
+        torch.rand(_GAUSSIANS, 3, generator=random) * size + place,
+        torch.randn(_GAUSSIANS, 4, generator=random),
+        torch.rand(_GAUSSIANS, 3, generator=random) * 0.03 + 0.005,
+        torch.rand(_GAUSSIANS, generator=random) * 0.8 + 0.1,
+        torch.rand(_GAUSSIANS, 11, generator=random),
+    )
+    splats, viewmat = Splats(*(part.requires_grad_() for part in parts)), torch.eye(4)
+    target = torch.rand(_HEIGHT, _WIDTH, 3, generator=random)
     camera = Camera(_WIDTH, _HEIGHT, 220.0, 220.0, _WIDTH / 2, _HEIGHT / 2)
 
     def step() -> None:
@@ -121,19 +131,3 @@ def _network() -> Callable[[], None]:
         torch.nn.functional.gelu(tokens @ weight)
 
     return network
-
-
-def _workload() -> tuple[Splats, torch.Tensor, torch.Tensor]:
-    random = torch.Generator().manual_seed(0)
-    means = torch.rand(_GAUSSIANS, 3, generator=random) * torch.tensor([2.0, 1.5, 2.0]) + torch.tensor(
-        [-1.0, -0.75, 1.5]
-    )
-    parts = (
-        means,
-        torch.randn(_GAUSSIANS, 4, generator=random),
-        torch.rand(_GAUSSIANS, 3, generator=random) * 0.03 + 0.005,
-        torch.rand(_GAUSSIANS, generator=random) * 0.8 + 0.1,
-        torch.rand(_GAUSSIANS, 11, generator=random),
-    )
-    target = torch.rand(_HEIGHT, _WIDTH, 3, generator=random)
-    return Splats(*(part.requires_grad_() for part in parts)), torch.eye(4), target

@@ -6,6 +6,7 @@ import logging
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from sqlalchemy import URL, Connection, Engine
@@ -93,7 +94,7 @@ def open_store(
         )
     url = resolve_url(data_dir, database_url)
     blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
-    engine = _open_own(url, blobs, adopting, _saving_into(data_dir.resolve()))
+    engine = _open_own(url, blobs, adopting, partial(_save_before_upgrade, data_dir.resolve()))
     reserve = Reserve(data_dir.resolve())
     if engine.dialect.name == "sqlite":
         reserve.fill()
@@ -114,13 +115,10 @@ def open_store(
     )
 
 
-def _saving_into(data_dir: Path) -> Save:
-    def save(live: Connection, bring: Callable[[Connection], None]) -> None:
-        from fastsplat.service.store.rows.before_upgrade import save_before_upgrade  # only where there is an upgrade
+def _save_before_upgrade(data_dir: Path, live: Connection, bring: Callable[[Connection], None]) -> None:
+    from fastsplat.service.store.rows.before_upgrade import save_before_upgrade  # only where there is an upgrade
 
-        save_before_upgrade(data_dir, live, bring)
-
-    return save
+    save_before_upgrade(data_dir, live, bring)
 
 
 def _open_own(url: URL, blobs: Blobs, adopting: bool, save: Save) -> Engine:

@@ -90,7 +90,8 @@ class Heartbeats:
         # Jobs before heartbeats: workers register before they claim, so one that starts in between is known.
         busy = self._store.jobs.owners()
         self._owners.look(busy)
-        host, stalled, regular = machine_id(), self._workers.stalled(self._timeout_s), self._is_regular()
+        host, stalled, now = machine_id(), self._workers.stalled(self._timeout_s), _seconds()
+        regular = now - self._updated_at < self._timeout_s / 2 and now - self._regular_since > self._timeout_s
         workers = [worker for worker in self._store.workers.list_workers() if worker.executor_id != self._executor_id]
         dead: set[str] = set()
         for worker in workers:
@@ -108,10 +109,6 @@ class Heartbeats:
         for worker in workers:
             if worker.executor_id in dead and worker.executor_id not in busy:
                 self._store.workers.unregister(worker.executor_id)
-
-    def _is_regular(self) -> bool:
-        now = _seconds()
-        return now - self._updated_at < self._timeout_s / 2 and now - self._regular_since > self._timeout_s
 
 
 def _seconds() -> float:

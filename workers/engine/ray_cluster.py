@@ -60,7 +60,9 @@ class RayCluster:
         if not ray.is_initialized():
             ray.init("auto", namespace=_NAMESPACE, log_to_driver=False, configure_logging=False)
         now = time.monotonic()
-        waiting = {name: placed for name, placed in self._placed.items() if not _is_ready(placed)}
+        waiting = {
+            name: placed for name, placed in self._placed.items() if not ray.wait([placed.has_room], timeout=0)[0]
+        }
         recent = {name: placed for name, placed in self._placed.items() if now - placed.at < _AGAIN_S}
         self._placed = waiting | recent
         counts = Counter(placed.size for placed in waiting.values())
@@ -104,7 +106,3 @@ class _Agent:
         finally:
             logging.shutdown()
             os._exit(0)  # which frees what was reserved
-
-
-def _is_ready(placed: _Placement) -> bool:
-    return bool(ray.wait([placed.has_room], timeout=0)[0])

@@ -91,11 +91,10 @@ class Supervisor:
         self.kill()
         if outcome == DONE:
             outcome = self._succeed()
-        if outcome == CANCELLED:
-            self._job.cancel()
-        elif outcome.error is not None:
+        if outcome.error is not None:
             self._job.keep_log()
-            self._job.fail(outcome.error)
+        if outcome != DONE:
+            self._job.end(outcome.error)
         logger.info("job %s %s", self._job.id, outcome.state)
         self._job.clean_up(outcome)
         return outcome

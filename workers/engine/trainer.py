@@ -10,16 +10,17 @@ import os
 import sys
 import time
 from dataclasses import replace
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent, yield_to_others
 from fastsplat.workers.engine.process_group import fork_group_guard
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from fastsplat.service.common.progress import ProgressEvent
-    from fastsplat.workers.job.protocol import Event, Job, Stage
+    from fastsplat.workers.job.protocol import Event, Job
 
 _PROGRESS_S = 0.1
 
@@ -45,7 +46,6 @@ def _run(job: Job, run: str, send: Callable[[Event], None]) -> int:
     from fastsplat.workers.job.results import discard_damaged, finish_stage, operation_error, start_stage
 
     progress = _throttled(send)
-    stages: Mapping[str, Stage] = {}
     try:
         discard_damaged(job)
     except OSError as error:
@@ -58,9 +58,8 @@ def _run(job: Job, run: str, send: Callable[[Event], None]) -> int:
         try:
             progress(ProgressEvent(stage, 0.0, f"starting {stage}"))
             started = time.monotonic()
-            stages = stages or _load_stages(run)
             folder = start_stage(job, stage)
-            stages[stage](job, folder, progress)
+            resolve_name(run)[stage](job, folder, progress)
             seconds = time.monotonic() - started
             finish_stage(job, stage, folder, seconds)
             send(Done(stage, seconds))
@@ -85,14 +84,6 @@ def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]
             metrics.clear()
 
     return progress
-
-
-def _load_stages(run: str) -> Mapping[str, Stage]:
-    import importlib
-
-    module, attribute = run.split(":")
-    stages: Mapping[str, Stage] = getattr(importlib.import_module(module), attribute)
-    return stages
 
 
 def _first_line(descriptor: int) -> bytes:

@@ -110,16 +110,12 @@ def run_here(worker: Worker) -> None:
 def run_next(worker: Worker, operation_id: str = "") -> bool:
     """Runs the first job in turn, or the one of an id, to its end; False if no worker like this may claim it now."""
     models, queue = worker.store.models.chosen(), worker.store.jobs
-    offer: Mapping[str, Any] = {"gpus": _gpus(worker.settings), "memory": machine_bytes(), "only": operation_id}
+    has_gpu = worker.settings.training.backend == "cuda" and os.environ.get("CUDA_VISIBLE_DEVICES") != ""
+    offer: Mapping[str, Any] = {"gpus": int(has_gpu), "memory": machine_bytes(), "only": operation_id}
     claim = queue.claim_next(worker.executor_id, models, partial(_can_use, worker), **offer)
     if claim is not None:
         _run(worker, claim)
     return claim is not None
-
-
-def _gpus(settings: Settings) -> int:
-    """GPUs of a trainer here: one, if the settings name CUDA and no device list hides it."""
-    return int(settings.training.backend == "cuda" and os.environ.get("CUDA_VISIBLE_DEVICES") != "")
 
 
 def _can_use(worker: Worker, choice: ModelChoice) -> bool:

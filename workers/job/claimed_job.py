@@ -173,11 +173,6 @@ class ClaimedJob:
                 self._noted = current
 
     @patient
-    def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
-        """Writes progress and the new start count."""
-        self._report(stages, starts)
-
-    @patient
     def fetch_results(self, attempts: Mapping[str, int]) -> None:
         """Brings the stored results of stages here, by the attempts that finished them.
 
@@ -254,9 +249,8 @@ class ClaimedJob:
         Raises:
             OSError: the disk is full.
         """
-        folder = self._blobs.fetch_version(self.scene_id, self.run_id)
-        if folder is None:
-            folder = self._blobs.publish(self.folder / stage, self.scene_id, self.run_id)
+        version = self.scene_id, self.run_id
+        folder = self._blobs.fetch_version(*version) or self._blobs.publish(self.folder / stage, *version)
         self._blobs.check_version(folder, *files)
         return folder
 
@@ -291,13 +285,9 @@ class ClaimedJob:
         self._drop_published(self.run_id)
 
     @patient
-    def cancel(self) -> None:
-        self._jobs.cancelled(self.claim)
-
-    @patient
-    def fail(self, error: Mapping[str, Any]) -> None:
-        """Marks the operation FAILED with an `OperationError` as JSON."""
-        self._jobs.fail(self.claim, error)
+    def end(self, error: Mapping[str, Any] | None) -> None:
+        """Marks the operation FAILED with an `OperationError` as JSON, or CANCELLED."""
+        self._jobs.cancelled(self.claim) if error is None else self._jobs.fail(self.claim, error)
 
     def clean_up(self, outcome: JobOutcome) -> None:
         """Deletes files that an ended job does not need; leftovers go with the periodic cleanup.
@@ -360,10 +350,13 @@ class ClaimedJob:
                 self._blobs.drop_version(self.scene_id, old)
 
     def _report(self, stages: Sequence[Mapping[str, Any]], starts: int | None) -> frozenset[JobRequest]:
+        """Writes progress and, unless None, the new start count."""
         requests = self._jobs.report(self.claim, stages, starts=starts, progress_files=self._progress_files)
         if starts is not None:
             self.claim = replace(self.claim, operation=replace(self.claim.operation, starts=starts))
         return requests
+
+    note_completed = patient(_report)
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,6 @@ from fastsplat.service.planning.cost_model import Speed, scene_size
 from fastsplat.service.planning.job_time import (
     PACED,
     JobTime,
-    PhotoSet,
     job_seconds,
     photo_set,
     placed_seconds,
@@ -160,10 +159,6 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     save_trained(train_scene(capture, labelling, settings, files.progress, checkpoint_folder(job), watch), folder)
 
 
-def _export(job: Job, folder: Path, progress: Progress) -> None:
-    export_made(job, folder, lambda: _assemble(job, folder, progress))
-
-
 def _assemble(job: Job, folder: Path, progress: Progress) -> None:
     capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
     trained = load_trained(job.result("training"))
@@ -185,7 +180,8 @@ def _assemble(job: Job, folder: Path, progress: Progress) -> None:
 
 
 STAGES: Mapping[str, Stage] = {
-    "capture": _capture, "perception": _perception, "training": _training, "export": _export,
+    "capture": _capture, "perception": _perception, "training": _training,
+    "export": lambda job, folder, progress: export_made(job, folder, partial(_assemble, job, folder, progress)),
 }  # fmt: skip
 
 
@@ -213,7 +209,10 @@ def job_time(
 ) -> JobTime:
     """Predicts a job's time by its finished stages; without a `capture`, of photos without poses alone."""
     settings, training = job.settings, planned or job.settings.training
-    photos = _photos(job)
+    try:
+        photos = photo_set(read_manifest(job.upload)[0])
+    except (OSError, InvalidInputError, NotFoundError):  # files that show people go before the training
+        photos = None
 
     def seconds(speed: Speed) -> Mapping[str, float]:
         before = {} if photos is None else job_seconds(photos, settings, speed)
@@ -227,20 +226,15 @@ def job_time(
     return JobTime(seconds, speed, ran, run, job.options.time_budget_s)
 
 
-def _photos(job: Job) -> PhotoSet | None:
-    try:
-        return photo_set(read_manifest(job.upload)[0])
-    except (OSError, InvalidInputError, NotFoundError):  # files that show people go before the training
-        return None
-
-
 def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StagePlan[TrainingSettings]:
     """Reads the plan of an earlier attempt, or stores a new one; `started` is of `time.monotonic()`."""
     budget = job.options.time_budget_s
     if budget is not None and not (job.folder / _PLAN).exists():
         spent, speed = stage_seconds(job, "perception") + time.monotonic() - started, job_time(job, capture).speed_now
         plan = plan_training(capture, job.settings, labels, budget, spent_s=spent, speed_of=lambda _: speed)
-        _store(job, plan)
+        stored = {"settings": plan.settings.model_dump(mode="json"), "tradeoffs": plan.tradeoffs}
+        with suppress(FileExistsError), atomic_file(job.folder / _PLAN, replace=False) as part:  # another was faster
+            part.write_text(json.dumps(stored))
     return stored_plan(job)
 
 
@@ -253,12 +247,6 @@ def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
     with intact(path):
         stored = json.loads(path.read_text())
         return StagePlan(TrainingSettings.model_validate(stored["settings"]), tuple(stored["tradeoffs"]))
-
-
-def _store(job: Job, plan: StagePlan[TrainingSettings]) -> None:
-    """Write the plan unless another attempt was faster; whole or not at all."""
-    with suppress(FileExistsError), atomic_file(job.folder / _PLAN, replace=False) as part:
-        part.write_text(json.dumps({"settings": plan.settings.model_dump(mode="json"), "tradeoffs": plan.tradeoffs}))
 
 
 def write_made(scene: Scene, folder: Path) -> None:

@@ -99,13 +99,14 @@ class QueueTimes:
             return self._ahead
 
     def _forecast(self) -> Mapping[str, Ahead]:
-        heard_since, queue = time.time() - self._timeout_s, self._store.jobs
-        under_way = queue.running(owned=True)
+        heard_since, jobs = time.time() - self._timeout_s, self._store.jobs
+        under_way = jobs.running(owned=True)
         ends = [_seconds_of(job, heard_since) for job in under_way]
         ends += [0.0] * (self._store.workers.alive(self._timeout_s) - len(ends))
         heapify(ends := ends or [math.inf])
         ahead, number = {}, sum(not job.cancel_requested for job in under_way)
-        for job in (*queue.running(owned=False), *queue.queued_in_turn()):
+        waiting: Sequence[OperationRecord | QueuedJob] = [*jobs.running(owned=False), *jobs.queued_in_turn()]
+        for job in waiting:
             ahead[job.id] = number, ends[0]
             number += not job.cancel_requested
             heapreplace(ends, ends[0] + _seconds_of(job, heard_since))  # the first free worker takes it

@@ -138,7 +138,9 @@ class ObjectStoreBlobs(Blobs):
     def upload_age(self, upload_id: str) -> float:
         if self.upload(upload_id).is_dir():
             return super().upload_age(upload_id)
-        return self._age(self._key("uploads", upload_id))
+        with _store_errors():
+            entries = self.files.find(self._key("uploads", upload_id), detail=True).values()
+        return time.time() - max(map(_changed_at, entries), default=0.0)
 
     def keep_progress_file(self, run_id: str, name: str) -> None:
         with _store_errors(absence=()):
@@ -297,7 +299,12 @@ class ObjectStoreBlobs(Blobs):
             for name, entry in manifest["files"].items():
                 if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
                     raise ArtefactError(f"the object store has an unsafe file name: {name[:80]!r}")
-                self._get_file(f"{key}/{manifest['parts']}/{name}", copying / name, entry)
+                path, part = copying / name, f"{key}/{manifest['parts']}/{name}"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with _store_errors():
+                    self.files.get_file(part, str(path))
+                if path.stat().st_size != entry["size"] or file_sha256(path) != entry["sha256"]:
+                    raise _damaged(part)
             target.parent.mkdir(parents=True, exist_ok=True)
             try:
                 copying.rename(target)
@@ -311,13 +318,6 @@ class ObjectStoreBlobs(Blobs):
         finally:
             remove(copying)
         return True
-
-    def _get_file(self, key: str, path: Path, entry: dict[str, Any]) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with _store_errors():
-            self.files.get_file(key, str(path))
-        if path.stat().st_size != entry["size"] or file_sha256(path) != entry["sha256"]:
-            raise _damaged(key)
 
     def _manifest(self, key: str) -> dict[str, Any] | None:
         with _store_errors():
@@ -357,11 +357,6 @@ class ObjectStoreBlobs(Blobs):
                     age = time.time() - _changed_at(entry)
                     youngest[parts] = (min(age, youngest.get(parts, (age, ""))[0]), folder)
         return youngest
-
-    def _age(self, key: str) -> float:
-        with _store_errors():
-            entries = self.files.find(key, detail=True).values()
-        return time.time() - max(map(_changed_at, entries), default=0.0)
 
     def _shrink(self, keep: Path) -> None:
         copies = []

@@ -112,7 +112,13 @@ def restore(backup: Path, data_dir: Path, database_url: str) -> BackupReport:
                 shutil.copyfile(backup / name, target)
                 target.chmod(0o600)
         sync_tree(data_dir)
-        _restore_database(backup, data_dir, url)
+        if kind == "sqlite":
+            with atomic_file(data_dir / _SQLITE) as path:
+                shutil.copyfile(backup / _SQLITE, path)
+                path.chmod(0o600)
+        else:
+            _copy_rows_in(backup / _SQLITE, url)
+        _queue_again(url)
     except OSError as error:
         raise ResourceError(
             f"the backup cannot be restored: {error.strerror}",
@@ -262,13 +268,7 @@ def _damaged(name: str) -> InvalidInputError:
     )
 
 
-def _restore_database(backup: Path, data_dir: Path, url: URL) -> None:
-    if url.get_backend_name() == "sqlite":
-        with atomic_file(data_dir / _SQLITE) as path:
-            shutil.copyfile(backup / _SQLITE, path)
-            path.chmod(0o600)
-    else:
-        _copy_rows_in(backup / _SQLITE, url)
+def _queue_again(url: URL) -> None:
     engine = open_engine(url)
     try:
         with engine.begin() as connection:

@@ -60,7 +60,8 @@ def check_rows(
             `ArtefactError`.
         kept_since: seconds since 1970; operations that ended later still have their rows.
     """
-    folders = {} if isinstance(store.blobs, ObjectStoreBlobs) else _folders(store)  # listed before the rows are read
+    local = () if isinstance(store.blobs, ObjectStoreBlobs) else store.blobs.ids("scenes")
+    folders = {name: frozenset(store.blobs.ids(f"scenes/{name}")) for name in local}  # before the rows are read
     with store.engine.execution_options(read_only=True).begin() as connection:
         rows = {
             table.name: connection.execute(select(*columns)).mappings().all() for table, columns in _COLUMNS.items()
@@ -109,10 +110,6 @@ def _points(table: Table, column: str, row: RowMapping, kept_since: float) -> bo
     if table is api_keys and column == "operation_id":
         return row[column] is not None and row["created_at"] > kept_since
     return table is not api_keys or column != "scene_id" or (row[column] != "" and row["revoked_at"] is None)
-
-
-def _folders(store: Store) -> dict[str, frozenset[str]]:
-    return {scene_id: frozenset(store.blobs.ids(f"scenes/{scene_id}")) for scene_id in store.blobs.ids("scenes")}
 
 
 def _run_id(job: RowMapping) -> str:

@@ -139,8 +139,8 @@ class JobQueue(Repository):
 
     def queued_in_turn(self) -> Sequence[QueuedJob]:
         """Lists the queued jobs of `in_turn`, without most of their rows, as thousands may wait."""
-        columns = (operations.c[column.name] for column in fields(QueuedJob))
-        return self._taking_turns(select(*columns).where(QUEUED), lambda row: QueuedJob(**row))
+        query = select(*(operations.c[column.name] for column in fields(QueuedJob))).where(QUEUED)
+        return self._taking_turns(query, lambda row: QueuedJob(**row))
 
     def _taking_turns(self, query: Select[Any], read: Callable[[RowMapping], J]) -> Sequence[J]:
         with self._reading() as connection:

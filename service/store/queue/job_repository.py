@@ -247,9 +247,7 @@ class JobRepository(JobQueue):
                 connection.execute(delete(column.table).where(column.in_(unneeded)))
             connection.execute(delete(resumable_uploads).where(resumable_uploads.c.expires_at < self._now()))
 
-    def unneeded_uploads(
-        self, upload_ids: Collection[str], ended_since: float
-    ) -> tuple[frozenset[str], frozenset[str]]:
+    def unneeded_uploads(self, ids: Collection[str], ended_since: float) -> tuple[frozenset[str], frozenset[str]]:
         """Filters upload ids to those that operations no longer need, and those of no operation, not coming in.
 
         Failed or cancelled operations need theirs for a retry if they ended after `ended_since` (seconds since 1970)
@@ -260,8 +258,8 @@ class JobRepository(JobQueue):
         query = select(rows.upload_id, or_(rows.state.in_(_UNFINISHED), retried).label("needed"))
         coming = select(resumable_uploads.c.id).where(resumable_uploads.c.expires_at >= self._now())
         with self._reading() as connection:
-            found = _among(connection, query, rows.upload_id, upload_ids)
-            unknown = frozenset(upload_ids) - frozenset(connection.scalars(coming))
+            found = _among(connection, query, rows.upload_id, ids)
+            unknown = frozenset(ids) - frozenset(connection.scalars(coming))
         known = frozenset(row["upload_id"] for row in found)
         needed = frozenset(row["upload_id"] for row in found if row["needed"])
         return (unknown & known) - needed, unknown - known
@@ -333,15 +331,11 @@ class JobRepository(JobQueue):
             connection.execute(unmade.values(state=state))
 
 
-def _among(
-    connection: Connection, query: Select[Any], column: ColumnElement[str], values: Collection[str]
-) -> Sequence[RowMapping]:
+def _among(of: Connection, query: Select[Any], column: ColumnElement[str], values: Collection[str]) -> list[RowMapping]:
     """Reads the rows of a query that have one of the values, however many these are."""
-    sought, rows = sorted(values), list[RowMapping]()
-    for start in range(0, len(sought), _AT_ONCE):
-        some = query.where(column.in_(sought[start : start + _AT_ONCE]))
-        rows += connection.execute(some).mappings()
-    return rows
+    sought = sorted(values)
+    parts = (query.where(column.in_(sought[at : at + _AT_ONCE])) for at in range(0, len(sought), _AT_ONCE))
+    return [row for part in parts for row in of.execute(part).mappings()]
 
 
 def _succeeded(result: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -217,7 +217,11 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
 def _prune(connection: Connection, scene_id: str, new: str, limit: int) -> Sequence[str]:
     """Deletes the rows of versions beyond `limit` as `NewVersion` says; returns their names."""
     records = versions_of(connection, scene_id)
-    in_force = _lineage(records)
+    in_force: set[str] = set()  # the current version and its ancestors
+    version = next((record.version for record in records.values() if record.current), "")
+    while version in records and version not in in_force:
+        in_force.add(version)
+        version = records[version].parent
     staying = {new, next(iter(records)), *(record.version for record in records.values() if record.current)}
     candidates = [record for record in records.values() if record.version not in staying]
     candidates.sort(key=lambda record: (record.version in in_force, record.number))
@@ -233,16 +237,6 @@ def _prune(connection: Connection, scene_id: str, new: str, limit: int) -> Seque
         elif parent != record.parent:
             connection.execute(update(scene_versions).where(*here).values(parent=parent))
     return sorted(removed)
-
-
-def _lineage(records: Mapping[str, VersionRecord]) -> frozenset[str]:
-    """Returns the current version and its ancestors."""
-    names: set[str] = set()
-    version = next((record.version for record in records.values() if record.current), "")
-    while version in records and version not in names:
-        names.add(version)
-        version = records[version].parent
-    return frozenset(names)
 
 
 def locked_scene(connection: Connection, scene_id: str, expected: str) -> SceneRecord:
