@@ -25,11 +25,9 @@ def opened(tmp_path: Path, database_url: str) -> Iterator[Callable[..., SceneSer
         return ValidatedUpload(folder, "images", 2)
 
     def open_with(**quotas: Any) -> SceneService:
-        services.append(open_service(settings(quotas), admit))
+        settings = Settings(data_dir=tmp_path, database_url=database_url, quotas=QuotaSettings(**quotas))
+        services.append(open_service(settings, admit))
         return services[-1]
-
-    def settings(quotas: dict[str, Any]) -> Settings:
-        return Settings(data_dir=tmp_path, database_url=database_url, quotas=QuotaSettings(**quotas))
 
     yield open_with
     for service in services:

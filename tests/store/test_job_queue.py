@@ -139,30 +139,23 @@ def test_a_job_goes_to_a_worker_that_has_what_it_needs(store: Store) -> None:
 
 
 def test_work_that_all_share_is_done_by_one_at_a_time(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    def take(name: str = "cleanup") -> bool:
-        with store.workers.leased(name, 60.0) as taken:
+    def take(name: str = "cleanup", seconds: float = 60.0) -> bool:
+        with store.workers.leased(name, seconds) as taken:
             return taken
 
+    def leased_until() -> float:
+        with store.engine.connect() as connection:
+            return connection.scalar(select(leases.c.until).where(leases.c.name == "takes long"))
+
     assert sorted(at_once(*[take] * 4)) == [False, False, False, True]
-    assert take("something else")
+    with store.workers.leased("takes long", 0.3) as mine:
+        first = leased_until()
+        wait_for(lambda: leased_until() > first)
+        with monkeypatch.context() as patch:
+            patch.setattr(time, "time", lambda: first + 0.01)  # the first lease is over
+            assert mine and not take("takes long", 0.3)
     clock = [time.time()]
     monkeypatch.setattr(time, "time", lambda: clock[0])
     for step_s, taken in ((61, True), (1, False), (-3600, True)):  # the last by a clock that does not agree
         clock[0] += step_s
         assert take() == taken
-
-
-def test_nobody_has_shared_work_while_it_is_done_however_long_that_takes(
-    store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def leased_until() -> float:
-        with store.engine.connect() as connection:
-            return connection.scalar(select(leases.c.until))
-
-    with store.workers.leased("cleanup", 0.3) as mine:
-        first = leased_until()
-        wait_for(lambda: leased_until() > first)
-        with monkeypatch.context() as patch:
-            patch.setattr(time, "time", lambda: first + 0.01)  # the first lease is over
-            with store.workers.leased("cleanup", 0.3) as taken:
-                assert mine and not taken

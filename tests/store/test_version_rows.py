@@ -54,13 +54,14 @@ def _lineage(store: Store, scene_id: str) -> list[str]:
     return names
 
 
-_Write = Callable[[Store, str, str], object]
-_WRITES: dict[str, _Write] = {
+_WRITES: dict[str, Callable[[Store, str, str], object]] = {
     "publish": lambda store, scene_id, name: store.versions.publish(_new(scene_id, name, "first")),
     "step_back": lambda store, scene_id, name: store.versions.step_back(scene_id, "first"),
     "step_forward": lambda store, scene_id, name: store.versions.step_forward(scene_id, "first"),
     "restore": lambda store, scene_id, name: store.versions.restore(scene_id, "undone", "first"),
-    "end of a job": lambda store, scene_id, name: _end_job(store, scene_id, name),
+    "end of a job": lambda store, scene_id, name: store.jobs.succeed_with_version(
+        store.jobs.claim(f"job of {scene_id}"), NewVersion(scene_id, name, "first", "", "", 5, (), (), 0), {}
+    ),
 }
 
 
@@ -69,11 +70,6 @@ _LINEAGES = {  # versions in force after some of them
     "step_forward": ["undone", "first", "trained"],
     "restore": ["undone", "first", "trained"],
 }
-
-
-def _end_job(store: Store, scene_id: str, name: str) -> None:
-    claim = store.jobs.claim(f"job of {scene_id}")
-    store.jobs.succeed_with_version(claim, NewVersion(scene_id, name, "first", "", "", 5, (), (), 0), {})
 
 
 @pytest.mark.parametrize(

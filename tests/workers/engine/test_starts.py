@@ -54,10 +54,28 @@ class _Trainer:
         """Nothing is left of it."""
 
 
-def _starts_until_given_up(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reached: Sequence[float], error: type[Exception]
-) -> int:
-    """How many attempts a job has of which each reaches the fraction of its number, step by step, and dies."""
+@pytest.mark.parametrize("error", [EOFError, _WorkerDiedError])
+@pytest.mark.parametrize(
+    ("reached", "starts"),
+    [
+        ([0.5] * 20, 3),  # after the first it comes no further
+        ([0.0] * 20, 3),
+        ([0.05 * step for step in range(1, 11)], 10),  # each comes further: it may be started as often as it takes
+        ([0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.4, 0.4], 8),
+        ([0.1, 0.2, 0.3, *[0.3] * 9], 5),  # the third start that got to .3, and no further
+        ([0.5, 0.1, 0.2, 0.3, 0.4], 3),  # further than the last, but not than the first
+        ([0.5, 0.503, 0.506, 0.507], 3),  # so little may be the time between two reports
+    ],
+)
+def test_a_start_counts_only_where_the_job_came_no_further_since_the_one_before(
+    store: Store,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    reached: Sequence[float],
+    starts: int,
+    error: type[Exception],
+) -> None:
+    """Each attempt reaches the fraction of its number, step by step, and dies, until the job is given up."""
     left = list(reached)
 
     def start(*_: object, **__: object) -> _Trainer:
@@ -76,34 +94,7 @@ def _starts_until_given_up(
             outcome = worker.run_stage("training")
             assert outcome.error is not None and outcome.error["reason"] == "TRAINER_CRASHED"
             break
-    return len(reached) - len(left)
-
-
-_AN_END = [0.5] * 20  # from here on it comes no further
-
-
-@pytest.mark.parametrize("error", [EOFError, _WorkerDiedError])
-@pytest.mark.parametrize(
-    ("reached", "starts"),
-    [
-        (_AN_END, 3),
-        ([0.0] * 20, 3),
-        ([0.05 * step for step in range(1, 11)], 10),  # each comes further: it may be started as often as it takes
-        ([0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.4, 0.4], 8),
-        ([0.1, 0.2, 0.3, *[0.3] * 9], 5),  # the third start that got to .3, and no further
-        ([0.5, 0.1, 0.2, 0.3, 0.4], 3),  # further than the last, but not than the first
-        ([0.5, 0.503, 0.506, 0.507], 3),  # so little may be the time between two reports
-    ],
-)
-def test_a_start_counts_only_where_the_job_came_no_further_since_the_one_before(
-    store: Store,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    reached: Sequence[float],
-    starts: int,
-    error: type[Exception],
-) -> None:
-    assert _starts_until_given_up(store, tmp_path, monkeypatch, reached, error) == starts
+    assert len(reached) - len(left) == starts
 
 
 def test_a_job_whose_result_was_published_before_its_worker_died_needs_no_trainer(
