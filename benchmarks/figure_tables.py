@@ -382,6 +382,15 @@ TABLES: Mapping[str, Table] = {
         ("subscriptions",), ("three questions, ten poses a second each, ten minutes", ""), _subscriptions
     ),
     "serve": Table(("serve",), ("", ""), _serve),
+    "servers": Table(
+        ("servers",),
+        (
+            *("question", "servers", "questions a second", "median, ms", "99 % within, ms"),
+            *("ms of processors a question, of servers", "of the database", "questions a second by one core"),
+            "cores of servers for one of the database",
+        ),
+        _servers,
+    ),
     "workers": Table(
         ("workers",),
         ("workers", "jobs a day", "of each", "the database's cores are busy", "longest turn at it"),
