@@ -19,6 +19,7 @@ from tests.postgres import PostgresServer
 from tests.scenes import queued_job
 
 _OF_PROJECT = 1_000  # scenes, as many as quotas allow by default
+_UPLOADS = 100  # that lie in the store at once
 _LEAST_S, _MOST_TIMES = 2.0, 20
 _OLD_S = 30 * 86_400.0
 _CHANGED: Mapping[Table, Mapping[str, str]] = {
@@ -74,6 +75,7 @@ def _fill(store: Store, count: int) -> None:
 def _calls(store: Store) -> dict[str, Callable[[], object]]:
     with store.engine.begin() as connection:
         ids = list(connection.scalars(select(scenes.c.id)))
+        uploads = list(connection.scalars(select(operations.c.upload_id).limit(_UPLOADS)))
     some = store.in_project("p0").scenes
     listed = some.list_scenes(1)[0].id
 
@@ -87,13 +89,13 @@ def _calls(store: Store) -> dict[str, Callable[[], object]]:
 
     def minute() -> None:  # and `hour`: as workers/engine/cleanup.py
         store.jobs.over(())
-        store.jobs.unneeded_uploads((), 0.0)
+        store.jobs.unneeded_uploads(uploads, 0.0)
         store.jobs.delete_ended(0.0)
 
     def hour() -> None:
         """With the names that a listing of the store would give."""
         store.jobs.lost_scenes(ids, 0.0)
-        store.jobs.over(())
+        store.jobs.over(ids)
         store.versions.without_row(())
 
     return {

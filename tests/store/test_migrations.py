@@ -261,6 +261,15 @@ def test_attempts_and_models_of_a_database_of_version_4_become_rows_and_columns(
                 assert (attempt.number, attempt.worker, attempt.why) == (1, "w", "failed")
 
 
+def test_operations_are_found_by_upload_after_an_upgrade(stored: Engine, tmp_path: Path, database_url: str) -> None:
+    shape = _shape(stored)
+    with stored.begin() as connection:
+        for statement in ("DROP INDEX operations_by_upload", "UPDATE alembic_version SET version_num = '0005'"):
+            connection.execute(text(statement))
+    with closing(open_store(tmp_path, database_url)) as store:
+        assert _shape(store.engine) == shape
+
+
 def test_a_database_that_cannot_be_saved_is_not_upgraded(
     stored: Engine, later: Callable[..., Path], tmp_path: Path
 ) -> None:

@@ -34,8 +34,7 @@ def _scene(store: Store, number: int = 1) -> str:
     """Id of a READY scene."""
     scene_id = f"scene{number}"
     store.scenes.create(job(number))
-    claim = store.jobs.claim(f"op{number}")
-    store.jobs.succeed(claim, replace(SUMMARY, version="trained"))
+    store.jobs.succeed(store.jobs.claim(f"op{number}"), replace(SUMMARY, version="trained"))
     return scene_id
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from unittest.mock import Mock
 
 import pytest
 from sqlalchemy.exc import OperationalError
@@ -22,13 +23,6 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return seconds
 
 
-def _raising(error: Exception):
-    def task() -> None:
-        raise error
-
-    return task
-
-
 def test_a_defect_is_logged_with_its_traceback_once_a_minute(clock, caplog):
     def defect() -> None:
         {}["missing"]
@@ -44,13 +38,13 @@ def test_a_defect_is_logged_with_its_traceback_once_a_minute(clock, caplog):
 
 def test_another_defect_is_not_hidden_by_the_first(clock, caplog):
     for name, error in (("a", KeyError("x")), ("a", ValueError("x")), ("b", KeyError("x"))):
-        periodic.run_logged(name, _raising(error))
+        periodic.run_logged(name, Mock(side_effect=error))
     assert len(caplog.records) == 3
 
 
 @pytest.mark.parametrize("error", [DatabaseError("the database is away"), OperationalError("SELECT 1", {}, OSError())])
 def test_a_database_that_is_away_is_one_line(error, clock, caplog):
-    periodic.run_logged("sweep", _raising(error))
+    periodic.run_logged("sweep", Mock(side_effect=error))
     assert len(caplog.records) == 1 and caplog.records[0].exc_info is None
     assert "SELECT" not in caplog.text
 
