@@ -1,7 +1,7 @@
 """Jobs on a Ray cluster: for each a detached actor, which is a worker of this job alone on the node that has room.
 
 The actor claims the job when Ray has reserved what it needs, so that none is taken without room, and supervises it on
-its node: neither this process's death nor its restart matters to it. Ray says where a job runs and nothing else: order,
+its node: neither the launcher's death nor its restart matters to it. Ray says where a job runs and nothing else: order,
 fencing and recovery are the rows' and the heartbeats', as an actor may live on for seconds after its node was lost.
 """
 
@@ -9,14 +9,19 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import time
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
+from typing import Any, NamedTuple
 
 import ray
+from ray.exceptions import RayError
 
+from fastsplat.service.common.process import die_with_parent
 from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.store.queue.claims import LONGEST_PAUSE_S
@@ -26,7 +31,11 @@ from fastsplat.workers.engine.worker import Worker, open_worker, run_next, start
 from fastsplat.workers.kinds.job_kinds import JobKind
 from fastsplat_contract.jobs.operations import OperationKind
 
+logger = logging.getLogger(__name__)
+
 _NAMESPACE = "fastsplat"
+_PATIENCE_S = 120
+"""Ray itself ends a process that waits for a lost head, after a minute by default."""
 _AT_ONCE = 4
 """Actors of one size that may wait for room: each holds the place in turn that its job had."""
 _LOOKED_AT = 1_000  # waiting jobs of each project, the first in turn
@@ -37,8 +46,7 @@ _MEMORY, _MEMORY_A_GAUSSIAN = 3 << 30, 16 << 10
 """Bytes: a job with its networks and pictures, and the optimization of a Gaussian."""
 
 
-@dataclass(frozen=True)
-class _Placement:
+class _Placement(NamedTuple):
     """An actor of a size, requested at a time, in monotonic seconds; `has_room` is ready once it runs or has died."""
 
     size: frozenset[tuple[str, float]]
@@ -46,34 +54,58 @@ class _Placement:
     at: float
 
 
+_placed: dict[str, _Placement] = {}  # by the driver, for each name
+
+
 class RayCluster:
     """A launcher that has each waiting job run by an actor, as many at once as the cluster has room for.
 
-    The cluster is that of Ray's own variable `RAY_ADDRESS`, else the one that this machine has joined.
+    The cluster is that of Ray's own variable `RAY_ADDRESS`, else the one that this machine has joined. Ray ends a
+    process whose head is lost, so a child process is its driver: while the cluster is away, each call starts a new one.
     """
 
     def __init__(self) -> None:
-        self._agents: Any = ray.remote(_Agent)  # whose methods Ray adds
-        self._placed: dict[str, _Placement] = {}
+        self._driver = _new_driver()
 
     def __call__(self, worker: Worker) -> None:
-        if not ray.is_initialized():
-            ray.init("auto", namespace=_NAMESPACE, log_to_driver=False, configure_logging=False)
-        now = time.monotonic()
-        waiting = {
-            name: placed for name, placed in self._placed.items() if not ray.wait([placed.has_room], timeout=0)[0]
-        }
-        recent = {name: placed for name, placed in self._placed.items() if now - placed.at < _AGAIN_S}
-        self._placed = waiting | recent
-        counts = Counter(placed.size for placed in waiting.values())
-        for job in worker.store.jobs.in_turn(_LOOKED_AT):
-            name, needs = f"{job.id}-{job.attempt + 1}", needs_of(job, worker.settings)
-            size, put_off = frozenset(needs.items()), 0 < job.run_after - time.time() < 2 * LONGEST_PAUSE_S
-            if name not in self._placed and not put_off and counts[size] < _AT_ONCE:
-                counts[size] += 1
-                options: Mapping[str, Any] = {**needs, "name": name, "lifetime": "detached", "get_if_exists": True}
-                actor = self._agents.options(**options).remote(job.id, worker.kinds)
-                self._placed[name] = _Placement(size, actor.has_room.remote(), now)
+        now, waiting = time.time(), worker.store.jobs.in_turn(_LOOKED_AT)
+        due = [job for job in waiting if not 0 < job.run_after - now < 2 * LONGEST_PAUSE_S]
+        jobs = {f"{job.id}-{job.attempt + 1}": (job.id, needs_of(job, worker.settings)) for job in due}
+        try:
+            self._driver.submit(_place, jobs, worker.kinds).result()
+        except (OSError, RuntimeError, RayError) as error:
+            logger.warning("the Ray cluster is away, no job begins until it is back: %s", error)
+            self._driver.shutdown(wait=False)
+            self._driver = _new_driver()
+
+
+def _new_driver() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, get_context("spawn"), die_with_parent, (os.getpid(),))
+
+
+@cache
+def _agents() -> Any:
+    """Connects this process with the cluster; returns `_Agent` with the methods that Ray adds."""
+    ray.init("auto", namespace=_NAMESPACE, log_to_driver=False, configure_logging=False)
+    return ray.remote(_Agent)
+
+
+def _place(jobs: Mapping[str, tuple[str, Mapping[str, float]]], kinds: Mapping[OperationKind, JobKind]) -> None:
+    """Requests actors for jobs, in turn, by their names (id and needs of each); dies where Ray does not answer."""
+    signal.alarm(_PATIENCE_S)
+    agents, now = _agents(), time.monotonic()
+    for name, placed in tuple(_placed.items()):
+        if _is_ready(placed) and now - placed.at >= _AGAIN_S:
+            del _placed[name]
+    counts = Counter(placed.size for placed in _placed.values() if not _is_ready(placed))
+    for name, (job_id, needs) in jobs.items():
+        size = frozenset(needs.items())
+        if name not in _placed and counts[size] < _AT_ONCE:
+            counts[size] += 1
+            options: Mapping[str, Any] = {**needs, "name": name, "lifetime": "detached", "get_if_exists": True}
+            actor = agents.options(**options).remote(job_id, kinds)
+            _placed[name] = _Placement(size, actor.has_room.remote(), now)
+    signal.alarm(0)
 
 
 def needs_of(job: OperationRecord, settings: Settings) -> dict[str, float]:
@@ -106,3 +138,7 @@ class _Agent:
         finally:
             logging.shutdown()
             os._exit(0)  # which frees what was reserved
+
+
+def _is_ready(placed: _Placement) -> bool:
+    return bool(ray.wait([placed.has_room], timeout=0)[0])

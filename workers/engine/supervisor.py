@@ -188,7 +188,8 @@ class Supervisor:
             tuple(job.claim.operation.excluded),
         )
         self._trainer = TrainerProcess(spec, self._kind.run, job.log, asks_captioner=self._kind.asks_captioner)
-        logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
+        saved_s = sum(row["seconds"] for row in self._progress.rows if (job.folder / row["stage"]).is_dir())
+        logger.info("job %s attempt %d pid %d, %.1f s of work saved", job.id, attempt, self._trainer.pid, saved_s)
         return self._trainer
 
     def _after_crash(self, stage: str, trainer: TrainerProcess) -> JobOutcome:

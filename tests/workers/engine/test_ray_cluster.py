@@ -6,6 +6,7 @@ The nodes share the database and an object store, and nothing else: each has its
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -33,6 +34,8 @@ wait_for = partial(_wait_for, patience_s=300.0)  # Ray takes its time
 _RAY = [str(Path(sys.executable).with_name("ray")), "start", "--block", "--disable-usage-stats"]
 _AS_ROOT = [] if os.geteuid() == 0 else ["--map-root-user"]
 _HOST = ["unshare", "--uts", *_AS_ROOT, "sh", "-c", 'hostname "$0" && exec "$@"']  # machines are told apart by it
+_PIDS = ["unshare", "--pid", "--fork", "--kill-child", "--mount-proc"]
+"""A head that starts again looks among the processes of its machine for raylets, and would find those of the nodes."""
 _NODES = {"small": 2, "large": 4}  # CPUs, of which a job takes two; the large one has a GPU, too
 _PROJECTS = ("default", "a", "b")
 _PATIENT = {
@@ -58,24 +61,24 @@ class Cluster:
         self.for_gpus = opened.enter_context(closing(open_service(cuda, admit)))
         self._sockets = tempfile.mkdtemp(prefix="ray")  # short, as paths of sockets are
         opened.callback(shutil.rmtree, self._sockets, ignore_errors=True)
-        self._ray: dict[Deployment, subprocess.Popen[bytes]] = {}
+        self.ray: dict[Deployment, subprocess.Popen[bytes]] = {}
         opened.callback(self.lose, self.head, *nodes)
-        self.start()
-
-    def start(self) -> None:
-        """Start Ray and the launcher; Ray knows nothing of before."""
-        (port,) = free_ports(1)
-        self._address = f"127.0.0.1:{port}"
-        self._start_ray(self.head, f"--port={port}", "--head", "--num-cpus=0", "--include-dashboard=false")
+        (self._port,) = free_ports(1)
+        self.start_head()
         for name in _NODES:
             self.start_node(name)
+        self._log = folder / "launcher.txt"
         self.start_launcher()
+
+    def start_head(self) -> None:
+        """Start the head of Ray at its address; it knows nothing of before."""
+        self._start_ray(self.head, f"--port={self._port}", "--head", "--num-cpus=0", "--include-dashboard=false")
 
     def start_node(self, name: str) -> None:
         number = 2 + [*_NODES].index(name)  # drivers look for the head by its address
         options = [f"--node-ip-address=127.0.0.{number}", f"--num-cpus={_NODES[name]}", f"--memory={64 << 30}"]
         options += ["--num-gpus=1"] if name == "large" else []
-        self._start_ray(self.nodes[name], f"--address={self._address}", *options)
+        self._start_ray(self.nodes[name], f"--address=127.0.0.1:{self._port}", *options)
 
     def start_again(self, node: Deployment) -> None:
         """Whatever is left of it."""
@@ -83,8 +86,15 @@ class Cluster:
         self.start_node(next(name for name in _NODES if self.nodes[name] is node))
 
     def start_launcher(self) -> None:
-        address = {"FASTSPLAT_JOBS__LAUNCHER": "ray", "RAY_ADDRESS": self._address}
-        self.launcher = self.head.start_worker(**address, **_TOKEN)
+        address = f"127.0.0.1:{self._port}"
+        code = f"import os\nos.dup2(os.open({str(self._log)!r}, os.O_WRONLY | os.O_APPEND | os.O_CREAT), 2)\n"
+        self.launcher = self.head.start_worker(code=code, FASTSPLAT_JOBS__LAUNCHER="ray", RAY_ADDRESS=address, **_TOKEN)
+
+    def logs(self, machine: Deployment) -> str:
+        """What the launcher has logged, or a node's agents."""
+        folder = Path(self._sockets) / machine.settings.data_dir.parent.name
+        paths = [self._log] if machine is self.head else folder.glob("session_2*/logs/worker-*.err")
+        return "".join(path.read_text() for path in paths)
 
     def _start_ray(self, machine: Deployment, *arguments: str) -> None:
         home = machine.settings.data_dir.with_name("home")
@@ -94,16 +104,26 @@ class Cluster:
             f"--temp-dir={self._sockets}/{machine.settings.data_dir.parent.name}",
         ]
         backend = {"FASTSPLAT_TRAINING__BACKEND": "cuda"} if "--num-gpus=1" in arguments else {}
-        command = [*_HOST, machine.settings.data_dir.parent.name, *_RAY, *common, *arguments]
-        self._ray[machine] = machine.start_command(command, HOME=str(home), **backend, **_PATIENT, **_TOKEN)
+        ray = [*(_PIDS if machine is self.head else []), *_RAY]
+        command = [*_HOST, machine.settings.data_dir.parent.name, *ray, *common, *arguments]
+        self.ray[machine] = machine.start_command(command, HOME=str(home), **backend, **_PATIENT, **_TOKEN)
 
     def processes(self, machine: Deployment) -> list[int]:
         """Ids of Ray's processes on a machine and of all that they have started; children follow their parents."""
-        found = [self._ray[machine].pid]
+        found = [self.ray[machine].pid]
         for pid in found:
             for threads in Path(f"/proc/{pid}/task").glob("*/children"):
                 found += map(int, threads.read_text().split())
         return found
+
+    def agents(self, machine: Deployment) -> list[int]:
+        """Ids of the processes of actors on a machine."""
+        return [pid for pid in self.processes(machine) if b"_Agent" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+    def kill_process(self, machine: Deployment, name: str) -> None:
+        """kill -9 of one of Ray's processes on a machine."""
+        (pid,) = (pid for pid in self.processes(machine) if Path(f"/proc/{pid}/comm").read_text().strip() == name)
+        os.kill(pid, signal.SIGKILL)
 
     def lose(self, *machines: Deployment) -> None:
         """kill -9 of all processes of machines, those of Ray, the launcher and jobs among them."""
@@ -111,7 +131,7 @@ class Cluster:
             for pid in self.processes(machine):
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
-            self._ray[machine].wait()
+            self.ray[machine].wait()
         if self.head in machines:
             kill(self.launcher)
 
@@ -136,10 +156,10 @@ class Cluster:
         rows = self.head.service._store.scenes.operation
         wait_for(lambda: sum(bool(row.get("stored")) for row in rows(operation.id).stages) >= stages)
 
-    def tell(self) -> None:
-        """Let go on what waits to be told."""
+    def tell(self, word: str) -> None:
+        """Let go on what waits for a word."""
         for node in self.nodes.values():
-            (node.settings.data_dir / "told.txt").touch()
+            (node.settings.data_dir / f"{word}.txt").touch()
 
 
 @pytest.fixture(scope="module")
@@ -154,11 +174,10 @@ def _started(postgres: PostgresServer, s3: str, tmp_path_factory: pytest.TempPat
 @pytest.fixture
 def cluster(_started: Cluster) -> Iterator[Cluster]:
     """The same for all tests, which start again what they have lost; each job ends, and is published once or not."""
-    for node in _started.nodes.values():
-        (node.settings.data_dir / "told.txt").unlink(missing_ok=True)
     yield _started
     store = _started.head.service._store
     wait_for(lambda: store.blobs.ids("jobs") == () and not store.jobs.in_turn() and not store.jobs.owners())
+    wait_for(lambda: not any(map(_started.agents, _started.nodes.values())))
     every = [scene for name in _PROJECTS for scene in store.in_project(name).scenes.list_scenes(1000)]
     ready = sorted(scene.id for scene in every if scene.state == "READY")
     wait_for(lambda: sorted(scene for scene, _ in store.blobs.versions()) == ready)
@@ -176,20 +195,32 @@ def _attempts(**by_stage: list[int]) -> dict[str, list[int]]:
     return {stage: [1] for stage in STAGES} | by_stage
 
 
-def test_as_many_jobs_run_at_once_as_have_room_and_all_of_them_is_seen_from_the_head(cluster: Cluster) -> None:
+def test_twelve_jobs_of_three_projects_run_once_where_there_is_room_and_launchers_die_meanwhile(
+    cluster: Cluster,
+) -> None:
     service = cluster.head.service
     projects = [service.in_project(name) for name in _PROJECTS]
     first = [_post(project, "training:until_told") for project in projects]
     for job in first:
         cluster.where("training", job)
-    second = [_post(project, "training:draft", "export:until_told") for project in projects]
+    second = [_post(project, "training:draft", "export:until_asked") for project in projects]
+    last = [_post(project) for project in projects]
     failing, *of_gpus = _post(service, "perception:defect"), _post(cluster.for_gpus), _post(cluster.for_gpus)
     waiting = {job.id for job in service._store.jobs.in_turn()}
-    assert waiting == {job.id for job in (*second, failing, *of_gpus)}  # none is claimed without room
+    assert waiting == {job.id for job in (*second, *last, failing, *of_gpus)}  # none is claimed without room
 
-    cluster.tell()
+    kill(cluster.launcher)
+    cluster.tell("told")
+    for project, job in zip(projects, first, strict=True):
+        assert wait_over(project, job).state == "SUCCEEDED"
+    cluster.start_launcher()
+    for job in second:
+        cluster.where("export", job)
+    kill(cluster.launcher)
+    cluster.start_launcher()  # while jobs run, and others wait for room
+    cluster.tell("asked")
 
-    for project, *jobs in zip(projects, first, second, strict=True):
+    for project, *jobs in zip(projects, first, second, last, strict=True):
         for job in jobs:
             assert wait_over(project, job).state == "SUCCEEDED" and cluster.visits(job) == _attempts()
             assert project.get_scene(job.scene_id).state == "READY"
@@ -199,6 +230,10 @@ def test_as_many_jobs_run_at_once_as_have_room_and_all_of_them_is_seen_from_the_
     assert wait_over(service, failing).state == "FAILED"
     assert "ZeroDivisionError" in service.jobs.log(failing.id).log
     assert all(node.visits("capture") for node in cluster.nodes.values())
+    ids = [job.id for job in (*first, *second, *last, failing, *of_gpus)]
+    attempts = service._store.jobs.attempts_of(ids).values()
+    assert [[bool(attempt.ended_at) for attempt in of_one] for of_one in attempts] == [[True]] * 12
+    assert not any(path.is_dir() for node in cluster.nodes.values() for path in node.settings.data_dir.glob("jobs/*"))
 
 
 def test_a_job_is_watched_and_ended_early_and_others_are_cancelled_in_any_stage(cluster: Cluster) -> None:
@@ -220,29 +255,13 @@ def test_a_job_is_watched_and_ended_early_and_others_are_cancelled_in_any_stage(
     assert [wait_over(cluster.head.service, job).state for job in after] == ["SUCCEEDED"] * 3
 
 
-def test_the_launcher_dies_and_jobs_go_on_and_none_is_begun_twice(cluster: Cluster) -> None:
-    jobs = [cluster.head.post("training:until_told") for _ in range(4)]  # one more than there is room for
-    for job in jobs[:3]:
-        cluster.where("training", job)
-    kill(cluster.launcher)
-    cluster.tell()
-    for job in jobs[:3]:
-        assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
-    cluster.start_launcher()
-    for job in jobs:
-        assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
-        assert cluster.visits(job) == _attempts()
-
-
 @pytest.mark.parametrize("of_ray_alone", [False, True])
 def test_a_node_is_lost_and_its_job_goes_on_from_the_last_stage_elsewhere(cluster: Cluster, of_ray_alone: bool) -> None:
     job = cluster.head.post("training:sleep_once 600")
     node, trainer = cluster.where("training", job)
     cluster.wait_stored(job, 2)
     if of_ray_alone:  # whose processes end by themselves, somewhat later
-        for pid in cluster.processes(node):
-            if Path(f"/proc/{pid}/comm").read_text().strip() == "raylet":
-                os.kill(pid, signal.SIGKILL)
+        cluster.kill_process(node, "raylet")
     else:
         cluster.lose(node)
     assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
@@ -270,13 +289,25 @@ def test_a_node_stands_still_past_the_limit_and_its_job_is_fenced_when_it_wakes(
     assert [wait_over(cluster.head.service, job).state for job in after] == ["SUCCEEDED"] * 3
 
 
-def test_ray_starts_anew_and_jobs_go_on_from_the_last_stage(cluster: Cluster) -> None:
+def test_the_head_alone_is_lost_and_jobs_go_on_from_the_last_stage_once_there_is_one_again(cluster: Cluster) -> None:
     jobs = [cluster.head.post("training:sleep_once 600") for _ in range(2)]
+    trainers = [cluster.where("training", job)[1] for job in jobs]
     for job in jobs:
-        cluster.where("training", job)
         cluster.wait_stored(job, 2)
-    cluster.lose(cluster.head, *cluster.nodes.values())
-    cluster.start()
+    cluster.kill_process(cluster.head, "gcs_server")
+    cluster.ray[cluster.head].wait()
+    waiting = cluster.head.post()
+    cluster.start_head()
+    wait_for(lambda: "the Ray cluster is away" in cluster.logs(cluster.head))
+    for name, node in cluster.nodes.items():  # which have never heard of this head
+        cluster.ray[node].wait()
+        cluster.start_node(name)
+    wait_for(lambda: not any(map(is_alive, trainers)))
     for job in jobs:
         assert wait_over(cluster.head.service, job).state == "SUCCEEDED"
         assert cluster.visits(job) == _attempts(training=[1, 2], export=[2])
+        saved_s = sum(row["seconds"] for row in cluster.head.service._store.scenes.operation(job.id).stages[:2])
+        line = re.compile(rf"{job.id} attempt 2 pid \d+, {saved_s:.1f} s of work saved")
+        assert line.search(cluster.logs(cluster.where("export", job)[0]))
+    assert wait_over(cluster.head.service, waiting).state == "SUCCEEDED" and cluster.visits(waiting) == _attempts()
+    assert cluster.launcher.poll() is None
