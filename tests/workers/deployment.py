@@ -38,12 +38,10 @@ _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0
 _PHOTOS = [photo(seed, (64, 64)) for seed in range(3)]
 _WORKER = """
-import os
 from dataclasses import replace
 import fastsplat.workers.engine.heartbeat
-from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent
-if PARENT_VARIABLE in os.environ:
-    die_with_parent(int(os.environ.pop(PARENT_VARIABLE)))
+from fastsplat.service.common.process import die_with_named_parent
+die_with_named_parent()
 from fastsplat.cli.operating.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.kinds.job_kinds import KINDS
@@ -173,13 +171,14 @@ class Deployment:
             "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HERE.parent.parent)]),
         }
 
-    def post(self, *orders: str, request_id: str = "", priority: int = 0) -> Operation:
-        """A job with orders for the fake stages."""
-        with self.service.new_upload() as upload:
+    def post(
+        self, *orders: str, request_id: str = "", priority: int = 0, service: SceneService | None = None
+    ) -> Operation:
+        """A job with orders for the fake stages, in a service's project."""
+        service, options = service or self.service, SceneOptions(labels=orders, priority=priority)
+        with service.new_upload() as upload:
             upload.write("images/a.png", [b"picture"])
-            return self.service.create_scene(
-                upload, "a place", request_id, SceneOptions(labels=orders, priority=priority)
-            )
+            return service.create_scene(upload, "a place", request_id, options)
 
     def post_over_http(self, *orders: str, request_id: str = "") -> str:
         """The same through the API process; returns the operation's id once that has acknowledged it."""
@@ -196,8 +195,7 @@ class Deployment:
         return self.service.get_operation(operation.id).state
 
     def wait_over(self, operation: Operation) -> Operation:
-        self.wait_for(lambda: self.state(operation) not in ("QUEUED", "RUNNING"))
-        return self.service.get_operation(operation.id)
+        return wait_over(self.service, operation, _PATIENCE_S)
 
     def visits(self, stage: str, operation: Operation | None = None, data_dir: Path | None = None) -> list[Visit]:
         """Who entered a stage, in this order, for one job or for all."""

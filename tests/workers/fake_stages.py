@@ -45,19 +45,14 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
         if where != stage:
             continue
         name, _, value = what.partition(" ")
-        if name == "sleep" or (name == "sleep_once" and job.attempt == 1):
+        for ending, first, last in (("_once", 1, 1), ("_in", value, value), ("_until", 1, value)):
+            if name.endswith(ending):
+                name = name.removesuffix(ending) if int(first) <= job.attempt <= int(last) else ""
+        if name == "sleep":
             time.sleep(float(value))
-        elif (
-            name == "kill"
-            or (name == "kill_once" and job.attempt == 1)
-            or (name == "kill_in" and job.attempt == int(value))
-        ):
+        elif name == "kill":
             os.kill(os.getpid(), signal.SIGKILL)
-        elif (
-            name == "kill_worker"
-            or (name == "kill_worker_until" and job.attempt <= int(value))
-            or (name == "kill_worker_in" and job.attempt == int(value))
-        ):
+        elif name == "kill_worker":
             os.kill(os.getppid(), signal.SIGKILL)
             time.sleep(600)  # dies with its worker; without this the stage could be over before
         elif name == "environment":
@@ -78,7 +73,7 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
                 time.sleep(0.05)
         elif name == "draft":
             _publish_draft(job, stage, progress)
-        elif name == "draft_kill_in" and job.attempt == int(value):
+        elif name == "draft_kill":
             (job.folder / "drafts" / ".half").mkdir(parents=True)
             os.kill(os.getpid(), signal.SIGKILL)
         elif name == "until_finish":

@@ -41,16 +41,12 @@ def process_state(pid: int, before: float) -> str:
     try:
         state, *numbers = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     except OSError:
-        return "?" if _exists(pid) else ""
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return ""
+        except PermissionError:  # another user's, possibly hidden in /proc
+            pass
+        return "?"
     started_at = int(numbers[_START_TIME]) / os.sysconf("SC_CLK_TCK")
     return "" if state in "ZX" or started_at > before + _CLOCK_SLACK_S else state
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # another user's, possibly hidden in /proc
-        pass
-    return True

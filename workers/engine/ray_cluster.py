@@ -33,7 +33,6 @@ from fastsplat_contract.jobs.operations import OperationKind
 
 logger = logging.getLogger(__name__)
 
-_NAMESPACE = "fastsplat"
 _PATIENCE_S = 120
 """Ray itself ends a process that waits for a lost head, after a minute by default."""
 _AT_ONCE = 4
@@ -86,7 +85,7 @@ def _new_driver() -> ProcessPoolExecutor:
 @cache
 def _agents() -> Any:
     """Connects this process with the cluster; returns `_Agent` with the methods that Ray adds."""
-    ray.init("auto", namespace=_NAMESPACE, log_to_driver=False, configure_logging=False)
+    ray.init("auto", namespace="fastsplat", log_to_driver=False, configure_logging=False)
     return ray.remote(_Agent)
 
 
@@ -94,10 +93,11 @@ def _place(jobs: Mapping[str, tuple[str, Mapping[str, float]]], kinds: Mapping[O
     """Requests actors for jobs, in turn, by their names (id and needs of each); dies where Ray does not answer."""
     signal.alarm(_PATIENCE_S)
     agents, now = _agents(), time.monotonic()
-    for name, placed in tuple(_placed.items()):
-        if _is_ready(placed) and now - placed.at >= _AGAIN_S:
+    ready = {name for name, placed in _placed.items() if ray.wait([placed.has_room], timeout=0)[0]}
+    for name in ready:
+        if now - _placed[name].at >= _AGAIN_S:
             del _placed[name]
-    counts = Counter(placed.size for placed in _placed.values() if not _is_ready(placed))
+    counts = Counter(placed.size for name, placed in _placed.items() if name not in ready)
     for name, (job_id, needs) in jobs.items():
         size = frozenset(needs.items())
         if name not in _placed and counts[size] < _AT_ONCE:
@@ -138,7 +138,3 @@ class _Agent:
         finally:
             logging.shutdown()
             os._exit(0)  # which frees what was reserved
-
-
-def _is_ready(placed: _Placement) -> bool:
-    return bool(ray.wait([placed.has_room], timeout=0)[0])

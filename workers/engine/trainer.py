@@ -6,11 +6,12 @@ original stdout; output of native code goes to stderr, the job's log.
 
 from __future__ import annotations
 
+import io
 import os
+import pkgutil
 import sys
 import time
 from dataclasses import replace
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent, yield_to_others
@@ -30,7 +31,9 @@ def main() -> int:
     die_with_parent(int(os.environ[PARENT_VARIABLE]))
     events = os.dup(1)
     os.dup2(2, 1)
-    spec = _first_line(0)
+    spec = io.FileIO(0, closefd=False).readline()  # and no byte more, which the guard reads
+    if not spec.endswith(b"\n"):
+        return 1
     fork_group_guard()
 
     from fastsplat.workers.job.protocol import event_to_line, read_job
@@ -46,26 +49,23 @@ def _run(job: Job, run: str, send: Callable[[Event], None]) -> int:
     from fastsplat.workers.job.results import discard_damaged, finish_stage, operation_error, start_stage
 
     progress = _throttled(send)
+    stage = job.stages[0]
     try:
         discard_damaged(job)
-    except OSError as error:
-        send(Failed(operation_error(error, job.stages[0], job)))
-        return 1
-    for stage in job.stages:
-        if job.result(stage).is_dir():
-            send(Done(stage, 0.0))
-            continue
-        try:
+        for stage in job.stages:
+            if job.result(stage).is_dir():
+                send(Done(stage, 0.0))
+                continue
             progress(ProgressEvent(stage, 0.0, f"starting {stage}"))
             started = time.monotonic()
             folder = start_stage(job, stage)
-            resolve_name(run)[stage](job, folder, progress)
+            pkgutil.resolve_name(run)[stage](job, folder, progress)
             seconds = time.monotonic() - started
             finish_stage(job, stage, folder, seconds)
             send(Done(stage, seconds))
-        except Exception as error:
-            send(Failed(operation_error(error, stage, job)))
-            return 1
+    except Exception as error:
+        send(Failed(operation_error(error, stage, job)))
+        return 1
     return 0
 
 
@@ -84,16 +84,6 @@ def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]
             metrics.clear()
 
     return progress
-
-
-def _first_line(descriptor: int) -> bytes:
-    line = bytearray()
-    while not line.endswith(b"\n"):
-        byte = os.read(descriptor, 1)
-        if not byte:
-            os._exit(1)
-        line += byte
-    return bytes(line)
 
 
 def _write(descriptor: int, data: bytes) -> None:

@@ -32,10 +32,6 @@ class JobKind:
     asks_captioner: bool = False  # pass captioner settings to trainers, given consent
 
 
-def _uploaded(job: ClaimedJob) -> tuple[Path, str]:
-    return job.upload(), ""
-
-
 def _publish_scene(job: ClaimedJob, stage: str) -> None:
     scene_id, project = job.scene_id, job.claim.operation.project
     job.publish_scene(stage, order_job("ask_captioner", scene_id, "", {}, project) if job.may_ask_captioner() else None)
@@ -75,7 +71,7 @@ def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
 KINDS: Mapping[OperationKind, JobKind] = {
     "create_scene": JobKind(
         stages=("capture", "perception", "training", "export"),
-        sources=_uploaded,
+        sources=ClaimedJob.upload,
         run="fastsplat.workers.kinds.create_scene:STAGES",
         publish=_publish_scene,
     ),

@@ -21,9 +21,9 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.service import open_service
 from fastsplat.service.store.artefact_settings import ArtefactSettings
-from fastsplat_contract.jobs.operations import Operation, SceneOptions
+from fastsplat_contract.jobs.operations import Operation
 from release.check_wheels import free_ports
 from tests.postgres import PostgresServer
 from tests.processes import is_alive
@@ -183,13 +183,6 @@ def cluster(_started: Cluster) -> Iterator[Cluster]:
     wait_for(lambda: sorted(scene for scene, _ in store.blobs.versions()) == ready)
 
 
-def _post(service: SceneService, *orders: str) -> Operation:
-    """A job of the service's project."""
-    with service.new_upload() as upload:
-        upload.write("images/a.png", [b"picture"])
-        return service.create_scene(upload, "a place", "", SceneOptions(labels=orders))
-
-
 def _attempts(**by_stage: list[int]) -> dict[str, list[int]]:
     """Visits of a job whose other stages the first attempt alone entered, once."""
     return {stage: [1] for stage in STAGES} | by_stage
@@ -200,12 +193,13 @@ def test_twelve_jobs_of_three_projects_run_once_where_there_is_room_and_launcher
 ) -> None:
     service = cluster.head.service
     projects = [service.in_project(name) for name in _PROJECTS]
-    first = [_post(project, "training:until_told") for project in projects]
+    first = [cluster.head.post("training:until_told", service=project) for project in projects]
     for job in first:
         cluster.where("training", job)
-    second = [_post(project, "training:draft", "export:until_asked") for project in projects]
-    last = [_post(project) for project in projects]
-    failing, *of_gpus = _post(service, "perception:defect"), _post(cluster.for_gpus), _post(cluster.for_gpus)
+    second = [cluster.head.post("training:draft", "export:until_asked", service=project) for project in projects]
+    last = [cluster.head.post(service=project) for project in projects]
+    of_gpus = [cluster.head.post(service=cluster.for_gpus) for _ in range(2)]
+    failing = cluster.head.post("perception:defect")
     waiting = {job.id for job in service._store.jobs.in_turn()}
     assert waiting == {job.id for job in (*second, *last, failing, *of_gpus)}  # none is claimed without room
 
