@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -263,14 +263,10 @@ class Deployment:
         return process
 
 
-def children(parent: subprocess.Popen[bytes]) -> list[int]:
+def children(parent: int) -> list[int]:
     """Ids of the processes that one has started itself."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):
-            if int(path.read_text().rsplit(")", 1)[1].split()[1]) == parent.pid:
-                found.append(int(path.parent.name))
-    return found
+    threads = Path(f"/proc/{parent}/task").glob("*/children")
+    return [int(pid) for path in threads for pid in path.read_text().split()]
 
 
 def kill(*processes: subprocess.Popen[bytes]) -> None:

@@ -33,8 +33,8 @@ from fastsplat_contract.jobs.operations import OperationKind
 
 logger = logging.getLogger(__name__)
 
-_PATIENCE_S = 120
-"""Ray itself ends a process that waits for a lost head, after a minute by default."""
+_PATIENCE_S = 60
+"""Ray itself waits for a head that is not there for many minutes, without a word."""
 _AT_ONCE = 4
 """Actors of one size that may wait for room: each holds the place in turn that its job had."""
 _LOOKED_AT = 1_000  # waiting jobs of each project, the first in turn

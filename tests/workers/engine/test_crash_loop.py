@@ -73,7 +73,7 @@ class _Loop:
         """kill -9 one process, or all workers; what died starts again."""
         victim = self.random.choice(["worker", "worker", "trainer", "trainer", "api", "workers"])
         if victim == "trainer":
-            trainers = [pid for worker in self._workers for pid in children(worker)]
+            trainers = [pid for worker in self._workers for pid in children(worker.pid)]
             if trainers:
                 with suppress(ProcessLookupError):
                     os.kill(self.random.choice(trainers), signal.SIGKILL)
