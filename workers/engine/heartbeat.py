@@ -72,9 +72,8 @@ class Heartbeats:
         self._workers.look({worker.executor_id: worker.heartbeat_at for worker in workers})
         stalled = self._workers.stalled(self._timeout_s) - {self._executor_id}
         for worker in workers:
-            if worker.host != host or worker.executor_id not in stalled:
-                continue
-            if process_state(worker.pid, worker.started_at) != "T":
+            is_stalled = worker.host == host and worker.executor_id in stalled
+            if not is_stalled or process_state(worker.pid, worker.started_at) != "T":
                 continue
             try:
                 os.kill(worker.pid, signal.SIGKILL)

@@ -27,11 +27,13 @@ from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.store.queue.claims import LONGEST_PAUSE_S
 from fastsplat.service.store.rows.codec import options_from_json
 from fastsplat.service.store.rows.records import OperationRecord
+from fastsplat.workers.engine.periodic import RepeatFilter
 from fastsplat.workers.engine.worker import Worker, open_worker, run_next, start, stop
 from fastsplat.workers.kinds.job_kinds import JobKind
 from fastsplat_contract.jobs.operations import OperationKind
 
 logger = logging.getLogger(__name__)
+logger.addFilter(RepeatFilter(interval_s=60.0, length=40))
 
 _PATIENCE_S = 60
 """Ray itself waits for a head that is not there for many minutes, without a word."""
@@ -94,16 +96,14 @@ def _place(jobs: Mapping[str, tuple[str, Mapping[str, float]]], kinds: Mapping[O
     signal.alarm(_PATIENCE_S)
     agents, now = _agents(), time.monotonic()
     ready = {name for name, placed in _placed.items() if ray.wait([placed.has_room], timeout=0)[0]}
-    for name in ready:
-        if now - _placed[name].at >= _AGAIN_S:
-            del _placed[name]
+    for name in [name for name in ready if now - _placed[name].at >= _AGAIN_S]:
+        del _placed[name]
     counts = Counter(placed.size for name, placed in _placed.items() if name not in ready)
     for name, (job_id, needs) in jobs.items():
         size = frozenset(needs.items())
         if name not in _placed and counts[size] < _AT_ONCE:
             counts[size] += 1
-            options: Mapping[str, Any] = {**needs, "name": name, "lifetime": "detached", "get_if_exists": True}
-            actor = agents.options(**options).remote(job_id, kinds)
+            actor = agents.options(**needs, name=name, lifetime="detached", get_if_exists=True).remote(job_id, kinds)
             _placed[name] = _Placement(size, actor.has_room.remote(), now)
     signal.alarm(0)
 

@@ -124,14 +124,12 @@ class Cluster:
 
     def where(self, stage: str, operation: Operation) -> tuple[Deployment, int]:
         """The node on which a job entered a stage last, once it did, and the trainer's process id."""
-        found: list[tuple[int, Deployment, int]] = []
 
-        def look() -> bool:
-            found[:] = [(v.attempt, n, v.pid) for n in self.nodes for v in n.visits(stage, operation)]
-            return bool(found)
+        def found() -> list[tuple[int, Deployment, int]]:
+            return [(v.attempt, n, v.pid) for n in self.nodes for v in n.visits(stage, operation)]
 
-        wait_for(look)
-        return max(found, key=lambda visit: visit[0])[1:]
+        wait_for(found)
+        return max(found(), key=lambda visit: visit[0])[1:]
 
     def wait_stored(self, operation: Operation, stages: int) -> None:
         """Wait until the results of a job's first stages are with the object store, and the rows say so."""
