@@ -46,7 +46,6 @@ BENCHMARKS = {
         "parity, training and frames a second on an NVIDIA GPU (pip install '.[cuda]')", module="raster.gpu"
     ),
     "localization": Benchmark("held-out photos localized, photos of other places refused", _TEST),
-    "naming": Benchmark("a person's time to name twelve drawn rooms whole by what a captioner suggests", _MODELS),
     "objects": Benchmark("objects without a vocabulary", _TEST),
     "page": Benchmark("the web page: load time, bytes, frames a second, from Enter to glow, without WebGL"),
     "published": Benchmark("scenes of LERF-OVS, LERF-Mask, 3D-OVS or Mip-NeRF 360 (FOLDER), beside papers' figures"),

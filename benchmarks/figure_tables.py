@@ -130,12 +130,6 @@ def _reads(document: Document) -> Iterator[Row]:
     yield "CPU seconds for 26 photos, at most", f"{cpu:.0f}"
 
 
-def _naming(document: Document) -> Iterator[Row]:
-    for models, run in (("one", document), ("two", document["two"])):
-        counts = [f"{run[key]} of {run['objects']}" for key in ("reached", "stated", "named", "obeyed")]
-        yield models, *counts, f"{run['refused']}", f"{run['seconds_of_longest']:.0f} s"
-
-
 def _raster(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         if row["backend"] == "cpu" and row["threads"] == 2 and row.get("backward_ms") and row["gaussians"] != 20000:
@@ -365,11 +359,6 @@ TABLES: Mapping[str, Table] = {
     "absence": Table(("absence",), ("", "measured (95 % interval)", "wanted"), _absence),
     "names": Table(("names",), ("probability", "mean", "right"), _names),
     "questions": Table(("questions",), ("", "right"), _questions),
-    "naming": Table(
-        ("naming",),
-        ("models", "true name suggested", "stated before", "named in the end", "poster's", "refused", "longest room"),
-        _naming,
-    ),
     "reads": Table(("reads",), ("printed lines, capitals from 20 pixels", ""), _reads),
     "changes": Table(
         ("changes",),

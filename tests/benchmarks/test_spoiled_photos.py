@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.robustness.spoiled_photos import DAMAGED, SETTINGS, SPOILED, capture_of, exif, jpeg
+from benchmarks.robustness.spoiled_photos import DAMAGED, SETTINGS, SPOILED, capture_of
 from fastsplat.service.capture.captures import Capture
 
 _GOOD = range(0, 40, 3)
@@ -58,21 +58,3 @@ def test_spoiled_photos_cost_themselves_and_are_named(names: list[str], test_dat
     if "duplicate" in names:
         copied = f"{3 * names.index('duplicate') * 3 % 42:03d}.jpg"
         assert verdicts["duplicate.jpg"].duplicate_of == copied or verdicts[copied].duplicate_of == "duplicate.jpg"
-
-
-def test_pieces_of_photos_whose_own_lens_runs_away_cost_themselves(test_data: Path, tmp_path: Path) -> None:
-    """Two of some hundred that were tried: each gets a camera of its own, which bundle adjustment drives off."""
-    paths = sorted((test_data / "plush/images").iterdir())
-    chosen = [paths[row] for row in np.linspace(0, len(paths) - 1, 16).round().astype(int)]
-    sent = {path.name: path.read_bytes() for path in chosen}
-    for name, (rows, columns), focal in (
-        ("20240212_004008.jpg", (slice(342, 750), slice(706, 1000)), 80.0),
-        ("20240212_004010.jpg", (slice(369, 608), slice(726, 1000)), None),
-    ):
-        piece = np.ascontiguousarray(np.asarray(Image.open(test_data / "plush/images" / name))[rows, columns])
-        sent[f"piece of {name}"] = jpeg(piece, exif=exif(focal)) if focal else jpeg(piece)
-    capture = capture_of(tmp_path, sent, {}, SETTINGS)
-    reasons = {verdict.name: verdict.not_placed for verdict in capture.report.photos if not verdict.placed}
-    alone = {"20240212_004010.jpg", "20240212_004018.jpg"}  # without a place among the sixteen, too
-    assert reasons.keys() <= alone | {name for name in sent if name.startswith("piece")}
-    assert "lens" in reasons.values()
