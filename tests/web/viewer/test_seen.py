@@ -151,3 +151,14 @@ def test_an_idle_view_turns_within_what_was_seen_until_the_first_touch(sample: P
         assert canvas.get_attribute("data-view") == views[-1]
         box = canvas.bounding_box()
     assert _Covered(sample).shares(views, box)[0] >= 0.6
+
+
+def test_what_names_a_candidate_stands_beside_it(sample: Place, browser: Browser) -> None:
+    with visiting(browser, sample.url, f"#/scenes/{sample.scene_id}?q=submarine") as visit:
+        rows = visit.page.locator(".candidate")
+        expect(rows.nth(5)).to_be_visible()
+        for row in rows.all():
+            look, name = (button.bounding_box() for button in row.get_by_role("button").all())
+            assert look and name and look["x"] + look["width"] <= name["x"]
+            assert look["y"] < name["y"] + name["height"] / 2 < look["y"] + look["height"]
+        visit.check_accessible()
