@@ -63,8 +63,7 @@ def run_main_job(
         objects, view = list(client.objects(scene.id)), scene.cameras[len(scene.cameras) // 2].name
         (folder / "objects.png").write_bytes(client.picture(scene.id, "objects", view))
         if (named := _click_and_name(client, scene.id, view)) is not None:
-            before = f'"{named.object.name}"' if named.object.name else "without a name"
-            typer.echo(f'a click in {view} finds object {named.object.id}, {before}; a person names it "{_NAME}"')
+            typer.echo(f'a click in {view} finds object {named.object.id}, without a name; it is named "{_NAME}"')
             answers.append(_ask(client, scene.id, _NAME))
         report = {
             "scene": to_plain(scene),
@@ -99,7 +98,7 @@ def _ask(client: Client, scene_id: str, text: str) -> Answer:
 
 
 def _click_and_name(client: Client, scene_id: str, view: str) -> PickedObject | None:
-    """Clicks on an object and names it `_NAME`; returns it before that, None without."""
+    """Clicks on an object without a name and names it `_NAME`; returns it before that, None without."""
     ids = client.object_map(scene_id, view)
     objects = {obj.id: obj for obj in client.objects(scene_id)}
     target = object_to_name(ids, objects)
@@ -113,19 +112,13 @@ def _click_and_name(client: Client, scene_id: str, view: str) -> PickedObject | 
 
 
 def object_to_name(ids: NDArray[np.uint16], objects: Mapping[int, SceneObject]) -> int | None:
-    """Id of the object that a click on a view names; None without objects.
-
-    Objects without a name come before named ones, surfaces last; then what the picture shows whole before what its edge
-    cuts off, then the largest.
+    """Id of the largest object without a name, whole ones before cut ones; None without.
 
     Args:
-        ids: uint16 [H, W], the object of each pixel, 0 for none.
+        ids: uint16 [H, W], the object of each pixel of a view, 0 for none.
         objects: by id.
     """
-    numbers, areas = np.unique(ids[ids > 0], return_counts=True)
-    candidates = [(objects[number], area) for number, area in zip(numbers.tolist(), areas.tolist(), strict=True)]
-    cut = set(np.concatenate([ids[0], ids[-1], ids[:, 0], ids[:, -1]]).tolist()) if ids.size else set()
-    order = sorted(
-        candidates, key=lambda pair: (pair[0].kind == "surface", bool(pair[0].name), pair[0].id in cut, -pair[1])
-    )
-    return order[0][0].id if order else None
+    areas = dict(zip(*(numbers.tolist() for numbers in np.unique(ids, return_counts=True)), strict=True))
+    cut = set(np.concatenate([ids[0], ids[-1], ids[:, 0], ids[:, -1]]).tolist())
+    unnamed = [number for number in areas if number and not objects[number].name and objects[number].kind != "surface"]
+    return min(unnamed, key=lambda number: (number in cut, -areas[number]), default=None)

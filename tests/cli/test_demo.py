@@ -185,17 +185,10 @@ def _object(object_id: int, name: str = "", kind: str = "object") -> SceneObject
     return SceneObject(object_id, name, source, 0.0, (), kind, "", 1.0, 10, None, False)
 
 
-def test_the_largest_object_without_a_name_before_named_ones_and_surfaces() -> None:
-    ids = np.repeat(np.array([0, 1, 2, 3, 4], np.uint16), [50, 40, 30, 20, 10]).reshape(10, 15)
-    ids = np.pad(ids, 1)
-    floor, cup = _object(1, kind="surface"), _object(2, "cup")
-    assert object_to_name(ids, {1: floor, 2: cup, 3: _object(3), 4: _object(4)}) == 3
-    assert object_to_name(ids, {1: floor, 2: cup, 3: _object(3, "bowl"), 4: _object(4, "fork")}) == 2
-    assert object_to_name(ids[:, :0], {}) is None
-
-
-def test_what_the_picture_shows_whole_before_what_it_cuts_off() -> None:
-    ids = np.ones((10, 10), np.uint16)
-    ids[3:6, 3:6] = 2
-    assert object_to_name(ids, {1: _object(1), 2: _object(2)}) == 2
-    assert object_to_name(ids, {1: _object(1), 2: _object(2, "cup")}) == 1
+def test_the_largest_object_without_a_name_is_named_and_a_whole_one_first() -> None:
+    ids = np.pad(np.repeat(np.array([1, 2, 3, 4], np.uint16), [40, 30, 20, 10]).reshape(10, 10), 1)
+    objects = {1: _object(1, kind="surface"), 2: _object(2, "cup"), 3: _object(3), 4: _object(4)}
+    assert object_to_name(ids, objects) == 3
+    ids[0, 0] = 3
+    assert object_to_name(ids, objects) == 4
+    assert object_to_name(ids, {**objects, 3: _object(3, "bowl"), 4: _object(4, "fork")}) is None
