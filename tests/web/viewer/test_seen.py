@@ -155,7 +155,7 @@ def test_an_idle_view_turns_within_what_was_seen_until_the_first_touch(sample: P
 
 def test_what_names_a_candidate_stands_beside_it(sample: Place, browser: Browser) -> None:
     with visiting(browser, sample.url, f"#/scenes/{sample.scene_id}?q=submarine") as visit:
-        rows = visit.page.locator(".candidate")
+        rows = visit.page.locator(".candidate", has_text="Yes, it is")
         expect(rows.nth(5)).to_be_visible()
         for row in rows.all():
             look, name = (button.bounding_box() for button in row.get_by_role("button").all())

@@ -43,29 +43,20 @@ export function FollowUps({ state, answer, onAsk, onObject, lookAgain }: Propert
   return (
     <>
       {meant.length > 0 && (
-        <ul class="chips">
-          {meant.slice(0, MOST_SHOWN).map((object) => {
-            const chip = (
+        <div class="chips">
+          {meant.slice(0, MOST_SHOWN).map((object) => (
+            <ul key={object.id} class="chips candidate">
               <Chip
-                key={object.id}
                 label={texts.ask.lookAt(texts.objects.titleOf(object))}
                 before={!object.name && <ObjectPicture state={state} object={object.id} />}
                 onClick={() => onObject(object.id)}
               >
                 {object.name || texts.objects.numbered(object.id, object.surface)}
               </Chip>
-            );
-            if (object.name || answer.phrase?.refusal) return chip;
-            return (
-              <li key={object.id} class="candidate">
-                <ul class="chips">
-                  {chip}
-                  {confirm([object], answer.noun_phrase)}
-                </ul>
-              </li>
-            );
-          })}
-        </ul>
+              {!object.name && !answer.phrase?.refusal && confirm([object], answer.noun_phrase)}
+            </ul>
+          ))}
+        </div>
       )}
       {(answer.outcome === "not_here" || answer.outcome === "not_seen") && lookAgain(answer.text)}
       <ul class="chips follow-ups">
