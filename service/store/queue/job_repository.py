@@ -227,10 +227,9 @@ class JobRepository(JobQueue):
 
     def over(self, run_ids: Sequence[str]) -> frozenset[str]:
         """Filters run ids to those ended or unknown; operations with unreadable rows count as running."""
-        unfinished = select(operations.c.id).where(operations.c.state.not_in(FINAL_STATES))
+        unfinished = select(operations).where(operations.c.state.not_in(FINAL_STATES))
         with self._reading() as connection:
-            live = {run.partition(".")[0] for run in run_ids}.intersection(connection.scalars(unfinished))
-            rows = _among(connection, select(operations), operations.c.id, live)
+            rows = _among(connection, unfinished, operations.c.id, {run.partition(".")[0] for run in run_ids})
         records = {record.id: record.run_id for record in each_readable(rows, as_operation)}
         unreadable = frozenset(row["id"] for row in rows) - records.keys()
         live_runs = frozenset(records.values()) | {run for run in run_ids if run.partition(".")[0] in unreadable}
