@@ -295,6 +295,8 @@ def test_a_job_that_waits_says_how_many_are_ahead_and_for_how_long(
     assert said() == [(1, 200.0), (2, 500.0), (3, None)]  # how long the second takes, nobody knows
     store.workers.update_heartbeat("two", "a machine", 2)
     assert said() == [(1, 0.0), (2, 200.0), (3, 300.0)]
+    store.jobs.release(trains)  # begun, it stays the first
+    assert said() == [(1, 0.0), (2, 200.0), (3, 300.0)]
     store.jobs.cancelled(trains)
     assert said() == [(0, 0.0), (1, 0.0), (2, 300.0)]
     assert store.jobs.claim(jobs[1].operation_id, "one") is not None
