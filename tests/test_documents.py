@@ -59,7 +59,7 @@ def test_settings_that_a_document_names_exist(document: str) -> None:
         }
     for name in names - _OF_A_PROCESS - _OF_THE_CLIENT:
         group: object = Settings
-        for part in name.removeprefix("FASTSPLAT_").rstrip("_").lower().split("__"):
+        for part in name.removeprefix("FASTSPLAT_").removesuffix("_FILE").rstrip("_").lower().split("__"):
             fields = group.model_fields
             assert part in fields, name
             group = fields[part].annotation
