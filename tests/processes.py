@@ -10,24 +10,23 @@ from pathlib import Path
 import pytest
 
 
+def process_file(path: Path) -> bytes:
+    """The contents of a file of /proc, none once its process has ended."""
+    try:
+        return path.read_bytes()
+    except OSError:
+        return b""
+
+
 def processes_with(variable: str, folder: Path) -> list[str]:
     """Ids of the processes in whose environment a variable names a folder."""
-    mark, found = f"{variable}={folder.resolve()}".encode(), []
-    for environment in Path("/proc").glob("[0-9]*/environ"):
-        try:
-            if mark in environment.read_bytes().split(b"\0"):
-                found.append(environment.parent.name)
-        except OSError:
-            continue
-    return found
+    mark, paths = f"{variable}={folder.resolve()}".encode(), Path("/proc").glob("[0-9]*/environ")
+    return [path.parent.name for path in paths if mark in process_file(path).split(b"\0")]
 
 
 def is_alive(pid: int) -> bool:
     """Whether a process runs (a zombie does not)."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
-    except OSError:
-        return False
+    return process_file(Path(f"/proc/{pid}/stat")).rpartition(b")")[2][1:2] not in (b"", b"Z", b"X")
 
 
 def printed_with_mount(mount: str, code: str, *arguments: Path) -> str:

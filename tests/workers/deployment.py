@@ -27,7 +27,7 @@ from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from release.check_wheels import free_ports
 from tests.api.uploaded import photo
 from tests.postgres import PostgresServer
-from tests.processes import is_alive
+from tests.processes import is_alive, process_file
 from tests.scenes import stand_in_models
 from tests.waiting import wait_for
 from tests.workers.standby import APIS, WORKERS
@@ -266,7 +266,7 @@ class Deployment:
 def children(parent: int) -> list[int]:
     """Ids of the processes that one has started itself."""
     threads = Path(f"/proc/{parent}/task").glob("*/children")
-    return [int(pid) for path in threads for pid in path.read_text().split()]
+    return [int(pid) for path in threads for pid in process_file(path).split()]
 
 
 def kill(*processes: subprocess.Popen[bytes]) -> None:

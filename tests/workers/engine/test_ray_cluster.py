@@ -26,7 +26,7 @@ from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat_contract.jobs.operations import Operation
 from release.check_wheels import free_ports
 from tests.postgres import PostgresServer
-from tests.processes import is_alive
+from tests.processes import is_alive, process_file
 from tests.waiting import wait_for as _wait_for
 from tests.workers.deployment import STAGES, Deployment, admit, children, kill, wait_over
 
@@ -105,7 +105,7 @@ class Cluster:
     def named(self, name: str, *machines: Deployment) -> list[int]:
         """Ids of the processes on machines whose names begin so."""
         found = (pid for machine in machines for pid in self.processes(machine))
-        return [pid for pid in found if Path(f"/proc/{pid}/comm").read_text().startswith(name)]
+        return [pid for pid in found if process_file(Path(f"/proc/{pid}/comm")).startswith(name.encode())]
 
     def lose(self, *machines: Deployment) -> None:
         """kill -9 of all processes of machines, those of Ray, the launcher and jobs among them."""
