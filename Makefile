@@ -18,7 +18,7 @@ PIP_INSTALL := $(BIN)/pip install --disable-pip-version-check --constraint const
 # A file's tests stay in one process, as they share its fixtures; tests/lanes.py says which files share one, and which
 # come first. Bytecode is kept, also where the environment says no: each of a hundred processes would compile it again.
 # BLAS has one thread a process, as there are more processes than cores.
-TESTS := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder
+TESTS := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder --durations=20
 
 .PHONY: help setup installed page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures dist first-gpu
 

@@ -12,7 +12,6 @@ import pytest
 
 from fastsplat.service.settings import load_settings
 from tests import lanes
-from tests.seconds import SecondsByFolder
 
 if TYPE_CHECKING:
     from fastsplat.service.perception.results import TextEncoder
@@ -45,7 +44,6 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(_FailuresAtOnce(config))
     config.pluginmanager.register(lanes)
-    config.pluginmanager.register(SecondsByFolder(config))
 
 
 def _folder(variable: str, what: str) -> Path:

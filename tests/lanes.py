@@ -50,12 +50,6 @@ def relative_path(nodeid: str) -> str:
     return nodeid.partition("::")[0].removeprefix("tests/")
 
 
-def folder(nodeid: str) -> str:
-    """A test's folder below tests/; "" for the files beside the folders."""
-    path = relative_path(nodeid)
-    return path.partition("/")[0] if "/" in path else ""
-
-
 def _is_left_out(path: str) -> bool:
     return path not in FIRST and path.startswith(REST)
 

@@ -13,11 +13,9 @@ ROOT = Path(__file__).parent.parent
 _TESTS = ROOT / "tests"
 _CONFTEST = """
 from tests import lanes
-from tests.seconds import SecondsByFolder
 
 def pytest_configure(config):
     config.pluginmanager.register(lanes)
-    config.pluginmanager.register(SecondsByFolder(config))
 """
 _WHERE = """
 import os
@@ -81,5 +79,3 @@ def test_a_group_and_a_file_without_one_stay_in_one_process(tmp_path: Path) -> N
     assert len(processes) == 5 and all(len(ids) == 1 for ids in processes.values())
     assert processes["web/objects/test_ask.py"] == processes["web/viewer/test_look.py"]
     assert len({*map(tuple, processes.values())}) == 3
-    rows = {line.split()[0] for line in said.partition("minutes by folder")[2].splitlines() if line}
-    assert rows >= {"web", "scene", "all"}  # of all processes

@@ -19,6 +19,26 @@ export function MovePanel({ state }: { state: SceneState }) {
       if (done) change.motion.value = null;
     });
   const end = () => (change.motion.value = null);
+  const axes = (legend: string, part: "shift" | "angles", scale: number) => (
+    <fieldset>
+      <legend>{legend}</legend>
+      {AXIS_NAMES.map((name, axis) => (
+        <label key={name}>
+          {name}
+          <input
+            type="number"
+            step="any"
+            value={rounded((motion[part][axis] ?? 0) / scale)}
+            onInput={(event) => {
+              const value = event.currentTarget.valueAsNumber * scale;
+              if (Number.isFinite(value))
+                change.motion.value = { ...motion, [part]: withAxis(motion[part], axis, value) };
+            }}
+          />
+        </label>
+      ))}
+    </fieldset>
+  );
   return (
     <Form
       class="move object-card"
@@ -27,42 +47,8 @@ export function MovePanel({ state }: { state: SceneState }) {
       onKeyDown={(event) => event.key === "Escape" && end()}
     >
       <h2>{texts.change.moveOrTurn}</h2>
-      <fieldset>
-        <legend>{texts.change.shift(unit)}</legend>
-        {AXIS_NAMES.map((name, axis) => (
-          <label key={name}>
-            {name}
-            <input
-              type="number"
-              step="any"
-              value={rounded(motion.shift[axis] ?? 0)}
-              onInput={(event) => {
-                const value = event.currentTarget.valueAsNumber;
-                if (Number.isFinite(value))
-                  change.motion.value = { ...motion, shift: withAxis(motion.shift, axis, value) };
-              }}
-            />
-          </label>
-        ))}
-      </fieldset>
-      <fieldset>
-        <legend>{texts.change.turn}</legend>
-        {AXIS_NAMES.map((name, axis) => (
-          <label key={name}>
-            {name}
-            <input
-              type="number"
-              step="any"
-              value={rounded((motion.angles[axis] ?? 0) / DEGREE)}
-              onInput={(event) => {
-                const value = event.currentTarget.valueAsNumber;
-                if (Number.isFinite(value))
-                  change.motion.value = { ...motion, angles: withAxis(motion.angles, axis, value * DEGREE) };
-              }}
-            />
-          </label>
-        ))}
-      </fieldset>
+      {axes(texts.change.shift(unit), "shift", 1)}
+      {axes(texts.change.turn, "angles", DEGREE)}
       <div class="buttons">
         <Button type="submit" class="primary" disabled={state.busy.value || isRest(motion)} text={texts.change.move} />
         <Button
