@@ -223,13 +223,9 @@ def _absence(document: Document) -> Iterator[Row]:
 
 
 def _questions(document: Document) -> Iterator[Row]:
-    halves = {"mending": "sample, half by which answers were mended", "scored": "sample, other half"}
-    parts = {"doll": "a doll on a bed", **halves}
-    times = {"unseen": "before anything was changed by it", "named": "its main object named by hand"}
-    for name, when in {**times, "validation": "now"}.items():
-        row = document["rows"].get(name)
-        for part, tally in () if row is None else row["by_part"].items():
-            yield f"{parts[part]}, {when}", f"{tally['right']} of {tally['questions']}"
+    row = document["rows"]["validation"]
+    for scene, tally in {**row["by_scene"], "all": {"right": row["right"], "questions": row["questions"]}}.items():
+        yield scene, f"{tally['right']} of {tally['questions']}"
 
 
 def _presence(document: Document) -> Iterator[Row]:

@@ -8,8 +8,7 @@ photos; "sample" is the one that the package brings where it has none. The quest
     look at its misses, which `--misses` prints: it validates, and tests nothing;
   scored: their other half. Nobody looked at its misses, but it was scored before, with 114 of 129 right, and what was
     changed since then is scored again;
-  doll: all questions to plush. They were scored once before anything was mended by them (row "unseen"); since then
-    their misses are read, and they validate like "mending".
+  doll: all questions to plush. Their misses are read, and they validate like "mending".
 Writes a row of benchmarks/results/questions.json, and leaves its other rows as they are:
   right: how many of the questions have answers that `judging.py` calls right, over all, by part, scene and kind, with
     the 95 % interval of their share (Wilson);
@@ -43,7 +42,7 @@ from fastsplat.service.library.sample import open_sample
 from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.photos.pictures import PictureRequest
 
-_CHOSEN_ON = "rules of answers and of judging: on the part mending, and since the row unseen on the doll's questions"
+_CHOSEN_ON = "rules of answers and of judging: on the parts mending and doll"
 
 
 @dataclass(frozen=True)
