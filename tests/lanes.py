@@ -17,8 +17,8 @@ REST = (
     "capture/world/test_scale_tags.py", "cli/test_mcp_sample.py",
     "cli/test_serve.py", "client/test_wheel.py", "docker/", "docs/", "interop/", "jobs/test_by_default.py",
     "jobs/test_looking_again.py", "library/test_library_training.py", "localization/test_changes.py",
-    "perception/test_pull.py", "splatting/raster/test_raster_arm64.py", "splatting/training/test_host_discipline.py",
-    "web/", "workers/",
+    "perception/test_mask_proposals.py", "perception/test_pull.py", "splatting/raster/test_raster_arm64.py",
+    "splatting/training/test_host_discipline.py", "splatting/training/test_pruning.py", "web/", "workers/",
 )  # fmt: skip
 """Folders and files, below tests/, that `make test` leaves out: real processes but one server, browsers, trainings of
 whole captures, benchmarks, documents, packages, images, other programs."""
