@@ -285,6 +285,12 @@ def _workers(document: Document) -> Iterator[Row]:
         yield f"{workers}", f"{jobs:,.0f}", f"{jobs / workers:.0f}", f"{busy:.1%}", f"{row['longest_turn_s']:.2f} s"
 
 
+def _day(document: Document) -> Iterator[Row]:
+    for row in document["nodes"]:
+        shares = (f"{row['shares'][part]:.0%}" for part in ("database", "opening", "store", "listing"))
+        yield f"{row['nodes']:,}", f"{row['queue']['jobs_a_day']:,.0f}", *shares
+
+
 def _page(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         drawn = "browser, WebGL without a GPU" if row["webgl"] else "server"
@@ -380,6 +386,14 @@ TABLES: Mapping[str, Table] = {
         ("workers",),
         ("workers", "jobs a day", "of each", "the database's cores are busy", "longest turn at it"),
         _workers,
+    ),
+    "day": Table(
+        ("workers",),
+        (
+            *("nodes", "jobs a day", "the database's two cores", "two servers of two cores, opening scenes"),
+            *("the store's bytes", "an hour, listing the store"),
+        ),
+        _day,
     ),
     "page": Table(
         ("page",),
