@@ -44,12 +44,12 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "splat_import": (625, 310),
     "splatting": (5641, 4589),
     "store": (4856, 1937),
-    "tests": (0, 1927),
+    "tests": (0, 1925),
     "web": (0, 4267),
     "workers": (2581, 3888),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 78581, "tests": 62488, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 78581, "tests": 62486, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")
