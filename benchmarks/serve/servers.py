@@ -23,13 +23,14 @@ import fsspec
 import httpx
 
 from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, parser_of, write_results
-from benchmarks.serve.api_process import Api, free_ports, load_of
+from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
 from benchmarks.serve.stored_scenes import add_scene, room
 from benchmarks.workers.database_seconds import cpu_seconds, process_seconds
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.store import open_store
+from release.check_wheels import free_ports
 from tests.postgres import PostgresServer
 from tests.waiting import wait_for
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from benchmarks.absence.questions import calibrating_keys, read_cases
 from benchmarks.assistant.questions import Question, is_right, read_questions
@@ -23,18 +22,6 @@ def test_nothing_was_fitted_to_other_words_and_to_absences() -> None:
     for question in QUESTIONS:
         names = {label_key(obj.name) for obj in ROOMS[question.room].room.objects}
         assert question.kind not in ("names", "absent") or label_key(question.text) not in names
-
-
-def test_no_two_objects_are_in_one_place() -> None:
-    for layout in ROOMS.values():
-        rooms = range(1, len(layout.room.objects) + 1)
-        centers = [layout.center(number) for number in rooms]
-        for a in rooms:
-            assert all(np.linalg.norm(centers[a - 1] - centers[b - 1]) > 0.1 for b in rooms if b != a)
-    kitchen = ROOMS["kitchen"]
-    assert kitchen.distance(kitchen.ids["kettle"], kitchen.ids["sideboard"]) == pytest.approx(0, abs=1e-3)
-    assert kitchen.distance(kitchen.ids["potato"], kitchen.ids["refrigerator"]) > 2
-    assert sorted(kitchen.bearing("mug")) == [kitchen.ids[key] for key in ("mug", "mug 2", "mug 3")]
 
 
 def _truth(question: Question, layout: Layout) -> dict[str, Any]:

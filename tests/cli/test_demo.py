@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
@@ -19,7 +18,9 @@ from fastsplat.cli.demo import command
 from fastsplat.cli.demo.command import clear, demo, prepare, pull_defaults, pull_text_encoder
 from fastsplat.cli.demo.main_job import SAMPLE_PHOTOS, object_to_name
 from fastsplat.cli.operating.browser import has_desktop
+from fastsplat.cli.scenes.ask_command import answer_lines
 from fastsplat.service.library.local_scene import open_scene
+from fastsplat.service.library.sample import open_sample
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.rows.database import SQLITE_NAME
 from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
@@ -94,17 +95,16 @@ def test_the_text_encoder_is_fetched_only_where_it_is_missing(
     load_settings.cache_clear()
 
 
-def test_objects_that_may_be_what_is_asked_for_are_listed(lexicon_models_dir: Path) -> None:
-    command = [sys.executable, "-m", "fastsplat.cli.main", "ask", "sample", "fork"]
-    environment = {**os.environ, "FASTSPLAT_MODELS": str(lexicon_models_dir)}
-    said, answered = (
-        subprocess.run([*command, *more], env=environment, capture_output=True, text=True, check=True).stdout
-        for more in ((), ("--json",))
-    )
-    (answer,) = json.loads(answered)["answers"]
-    assert len(answer["object_ids"]) > 1
-    listed = f"  objects that may be it: {', '.join(map(str, answer['object_ids']))}"
-    assert said.splitlines()[:2] == [answer["sentence"], listed]
+def test_objects_that_may_be_what_is_asked_for_are_listed(
+    lexicon_models_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FASTSPLAT_MODELS", str(lexicon_models_dir))
+    load_settings.cache_clear()
+    with open_sample() as scene:
+        answer = scene.ask("fork")
+    load_settings.cache_clear()
+    listed = f"  objects that may be it: {', '.join(map(str, answer.object_ids))}"
+    assert len(answer.object_ids) > 1 and answer_lines(answer)[1] == listed
 
 
 def test_models_that_others_share_are_left_as_they_are(

@@ -30,7 +30,7 @@ def _read(folder: Path) -> None:
     try:
         store.scenes.list_scenes(100)
         store.scenes.list_operations(100)
-        store.jobs.in_turn()
+        store.jobs.in_turn(99)
         store.jobs.unneeded_uploads(["up"], 0.0)
         store.keys.all()
     finally:
@@ -60,7 +60,7 @@ def test_a_row_that_is_no_text_or_no_json_is_left_out_of_a_list_and_is_an_error_
     store = open_store(tmp_path)
     with store.engine.begin() as connection:
         connection.execute(text(f"UPDATE operations SET options = {value} WHERE id != 'op7'"))
-    for records in (store.scenes.list_operations(5), store.jobs.in_turn(), store.jobs.queued_in_turn()):
+    for records in (store.scenes.list_operations(5), store.jobs.in_turn(99), store.jobs.queued_in_turn()):
         assert [record.id for record in records] == ["op7"]
     assert "operation op3 is damaged" in caplog.text and store.jobs.claim_next("worker").operation.id == "op7"
     with pytest.raises(ArtefactError, match="damaged"):

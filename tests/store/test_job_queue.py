@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import Connection, select
+from sqlalchemy.exc import OperationalError
 
 from fastsplat.service.store.queue.claims import FencedError
 from fastsplat.service.store.rows.schema import leases, operations
@@ -21,7 +24,7 @@ def test_projects_take_turns_whatever_the_priorities_of_another(store: Store) ->
     for number in range(6):
         project, priority = ("a", 100) if number < 4 else ("b", number - 5)
         store.scenes.create(replace(job(number), project=project, priority=priority))
-    listed = store.jobs.in_turn(), store.jobs.in_turn(1), store.jobs.queued_in_turn()
+    listed = store.jobs.in_turn(99), store.jobs.in_turn(1), store.jobs.queued_in_turn()
     foreseen, first, again = ([queued.id for queued in jobs] for jobs in listed)
     assert first == foreseen[:2] and again == foreseen  # the first of each project
     ran = []
@@ -148,9 +151,19 @@ def test_work_that_all_share_is_done_by_one_at_a_time(store: Store, monkeypatch:
             return connection.scalar(select(leases.c.until).where(leases.c.name == "takes long"))
 
     assert sorted(at_once(*[take] * 4)) == [False, False, False, True]
+    write, lost = store.workers._writing, [0]
+
+    @contextmanager
+    def lost_once() -> Iterator[Connection]:
+        with write() as connection:
+            yield connection
+            if lost:
+                raise OperationalError("", {}, Exception(lost.pop()))
+
     with store.workers.leased("takes long", 0.3) as mine:
+        monkeypatch.setattr(store.workers, "_writing", lost_once)
         first = leased_until()
-        wait_for(lambda: leased_until() > first)
+        wait_for(lambda: leased_until() > first)  # though the database was away for the first time
         with monkeypatch.context() as patch:
             patch.setattr(time, "time", lambda: first + 0.01)  # the first lease is over
             assert mine and not take("takes long", 0.3)

@@ -255,7 +255,7 @@ def test_attempts_and_models_of_a_database_of_version_4_become_rows_and_columns(
                 restore(tmp_path / "before-upgrade", folder, url)
             with closing(open_store(folder, url)) as store:
                 assert _shape(store.engine) == shape
-                (job,) = store.jobs.in_turn()
+                (job,) = store.jobs.in_turn(99)
                 assert (job.models, job.options, job.again_after) == (models, {"labels": []}, "cancelled")
                 (attempt,) = store.jobs.attempts_of([job.id])[job.id]
                 assert (attempt.number, attempt.worker, attempt.why) == (1, "w", "failed")

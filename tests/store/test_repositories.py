@@ -91,7 +91,7 @@ def test_a_retry_begins_anew_and_an_ended_run_can_neither_claim_nor_write(store,
 
     assert (again.state, again.starts, again.stages, again.error, again.retries) == ("QUEUED", 0, [], None, 1)
     assert again.run_id != claim.operation.run_id and store.scenes.scene("scene1").state == "TRAINING"
-    assert [record.id for record in store.jobs.in_turn()] == ["op1"]
+    assert [record.id for record in store.jobs.in_turn(99)] == ["op1"]
     new = store.jobs.claim("op1")
     for write in (store.jobs.cancelled, lambda claim: store.jobs.succeed(claim, SUMMARY)):
         with pytest.raises(FencedError):

@@ -71,7 +71,7 @@ def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
 KINDS: Mapping[OperationKind, JobKind] = {
     "create_scene": JobKind(
         stages=("capture", "perception", "training", "export"),
-        sources=ClaimedJob.upload,
+        sources=lambda job: (job.upload(), ""),
         run="fastsplat.workers.kinds.create_scene:STAGES",
         publish=_publish_scene,
     ),

@@ -46,7 +46,7 @@ JobRequest = Literal["cancel", "finish"]
 """A request to a running job: stop, or end training early and keep the result."""
 
 
-J = TypeVar("J", OperationRecord, QueuedJob)
+_J = TypeVar("_J", OperationRecord, QueuedJob)
 
 
 class FencedError(Exception):
@@ -125,7 +125,7 @@ class JobQueue(Repository):
                     return _begin(connection, job, worker, choice if job.state == "QUEUED" else None)
         return None
 
-    def in_turn(self, most: int | None = None) -> Sequence[OperationRecord]:
+    def in_turn(self, most: int) -> Sequence[OperationRecord]:
         """Lists the jobs that no worker has, in the order in which they would begin; `most` queued ones a project.
 
         Those that were begun go first. Then projects take turns: first the one with the fewest jobs under way; of
@@ -134,18 +134,18 @@ class JobQueue(Repository):
         """
         place = func.row_number().over(partition_by=operations.c.project, order_by=QUEUE_ORDER).label("place")
         first = select(operations.c.id, place).where(QUEUED).subquery()
-        queued_here = QUEUED if most is None else operations.c.id.in_(select(first.c.id).where(first.c.place <= most))
-        return [*self.running(owned=False), *self._taking_turns(select(operations).where(queued_here), as_operation)]
+        query = select(operations).where(operations.c.id.in_(select(first.c.id).where(first.c.place <= most)))
+        return [*self.running(owned=False), *self._taking_turns(query, as_operation)]
 
     def queued_in_turn(self) -> Sequence[QueuedJob]:
         """Lists the queued jobs of `in_turn`, without most of their rows, as thousands may wait."""
         query = select(*(operations.c[column.name] for column in fields(QueuedJob))).where(QUEUED)
         return self._taking_turns(query, lambda row: QueuedJob(**row))
 
-    def _taking_turns(self, query: Select[Any], read: Callable[[RowMapping], J]) -> Sequence[J]:
+    def _taking_turns(self, query: Select[Any], read: Callable[[RowMapping], _J]) -> Sequence[_J]:
         with self._reading() as connection:
             jobs = each_readable(connection.execute(query.order_by(*QUEUE_ORDER)).mappings(), read)
-            queued: dict[str, list[J]] = {project: [] for project in connection.scalars(_PROJECTS_IN_TURN)}
+            queued: dict[str, list[_J]] = {project: [] for project in connection.scalars(_PROJECTS_IN_TURN)}
         for job in jobs:
             queued.setdefault(job.project, []).append(job)
         return [job for jobs in zip_longest(*queued.values()) for job in jobs if job is not None]

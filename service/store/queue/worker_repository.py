@@ -54,15 +54,16 @@ class WorkerRepository(Repository):
         """
         until, over = self._lease(name, seconds), threading.Event()
 
-        def prolong(until: float) -> None:
+        def prolong() -> None:
+            ends = [until]  # and those that were written, or perhaps were not
             while not over.wait(seconds / 3):
                 with suppress(DatabaseError), self._writing() as connection:
-                    mine = update(leases).where(leases.c.name == name, leases.c.until == until)
-                    until = time.time() + seconds
-                    connection.execute(mine.values(until=until))
+                    mine = update(leases).where(leases.c.name == name, leases.c.until.in_(ends))
+                    ends.append(time.time() + seconds)
+                    connection.execute(mine.values(until=ends[-1]))
 
         if until is not None:
-            threading.Thread(target=prolong, args=(until,), daemon=True).start()
+            threading.Thread(target=prolong, daemon=True).start()
         try:
             yield until is not None
         finally:

@@ -42,7 +42,8 @@ def _questions(scene_id: str, count: int) -> list[QueryRequest]:
     requests = []
     for number in range(count):
         outputs = rng.sample(["mask2d", "mask3d", "objects"], rng.choice([0, 0, 1, 2, 3]))
-        texts = tuple(_spelt(rng, rng.choice(_WORDS)) for _ in range(rng.choice([1, 1, 2, 3])))
+        words = rng.choices(_WORDS, k=rng.choice([1, 1, 2, 3]))
+        texts = tuple(rng.choice([w, w.upper(), f" {w} ", f"{w}s", f"where is the {w}?"]) for w in words)
         request: dict[str, object] = {"scene_id": scene_id, "texts": texts, "outputs": frozenset(outputs)}
         if "mask2d" in outputs:
             cameras = [_AWAY, *(turned(angle) for angle in (-0.5, -0.2, 0.1, 0.4))]
@@ -95,10 +96,6 @@ _BAD: list[dict[str, object]] = [
     {"texts": (_BESIDE,), "asker_view": "front.png", "asker": pose_of(np.eye(4))},
     {"texts": (_BESIDE,), "asker_view": "front.png", "scene_id": ""},
 ]
-
-
-def _spelt(rng: random.Random, word: str) -> str:
-    return rng.choice([word, word.upper(), f" {word} ", f"{word}s", f"where is the {word}?"])
 
 
 def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(

@@ -156,7 +156,7 @@ def cluster(_started: Cluster) -> Iterator[Cluster]:
     """The same for all tests, which start again what they have lost; each job ends, and is published once or not."""
     yield _started
     store = _started.head.service._store
-    wait_for(lambda: store.blobs.ids("jobs") == () and not store.jobs.in_turn() and not store.jobs.owners())
+    wait_for(lambda: store.blobs.ids("jobs") == () and not store.jobs.in_turn(99) and not store.jobs.owners())
     wait_for(lambda: not _started.named("ray::_Agent", *_started.nodes))
     assert '"ERROR"' not in _started.logs(_started.head)
     every = [scene for name in _PROJECTS for scene in store.in_project(name).scenes.list_scenes(1000)]
@@ -179,7 +179,7 @@ def test_twelve_jobs_run_once_where_there_is_room_while_launchers_die(cluster: C
     last = [cluster.head.post(service=project) for project in projects]
     of_gpus = [cluster.head.post(service=cluster.for_gpus) for _ in range(2)]
     failing = cluster.head.post("perception:defect")
-    waiting = {job.id for job in service._store.jobs.in_turn()}
+    waiting = {job.id for job in service._store.jobs.in_turn(99)}
     assert waiting == {job.id for job in (*second, *last, failing, *of_gpus)}  # none is claimed without room
 
     assert cluster.named("ray::_Agent", *cluster.nodes)

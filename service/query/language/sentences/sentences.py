@@ -115,15 +115,9 @@ def spoken(ranked: Ranked, names: ObjectNames, unseen: UnseenSpace, in_words: In
             what = _decided(answer, answer.phrase, remarks, names, in_words)
         else:
             what = _found(ranked, names, in_words)
-        said = f"{_opening(outcome, answer.probability)}{percent(answer.probability)}: {what}."
+        rather_not = outcome == "probably_here" and answer.probability is not None and answer.probability < RATHER
+        said = f"{'Perhaps here' if rather_not else _OPENINGS[outcome]}{percent(answer.probability)}: {what}."
     return replace(answer, outcome=outcome, sentence=said)
-
-
-def _opening(outcome: Outcome, probability: float | None) -> str:
-    """The word of a verdict; what is rather not so is not called probable."""
-    if outcome == "probably_here" and probability is not None and probability < RATHER:
-        return "Perhaps here"
-    return _OPENINGS[outcome]
 
 
 def percent(probability: float | None) -> str:
