@@ -21,7 +21,7 @@ ROOT = Path(__file__).parent.parent
 ROWS: Mapping[str, tuple[int, int]] = {
     "api": (5626, 11172),
     "application": (6597, 3142),
-    "benchmarks": (0, 2807),
+    "benchmarks": (0, 2794),
     "capture": (11015, 6566),
     "cli": (3512, 1960),
     "client": (8655, 1691),
@@ -37,19 +37,19 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "localization": (1716, 611),
     "perception": (5383, 3069),
     "planning": (801, 451),
-    "query": (11877, 7188),
+    "query": (11871, 7188),
     "release": (0, 171),
     "scene": (3344, 1486),
     "service": (374, 0),
     "splat_import": (625, 310),
     "splatting": (5641, 4589),
-    "store": (4856, 1937),
+    "store": (4857, 1950),
     "tests": (0, 1925),
     "web": (0, 4267),
     "workers": (2581, 3888),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 78581, "tests": 62486, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 78576, "tests": 62486, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")
