@@ -170,7 +170,7 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "keys": lambda: service.keys.list("operator"),
         "status": lambda: service.status("operator", ""),
         "known names": service.known_names.list,
-        "waiting": service._store.jobs.in_turn,
+        "waiting": lambda: service._store.jobs.in_turn(99),
         "over": lambda: service._store.jobs.over([operation]),
     }
 

@@ -218,7 +218,7 @@ def test_database_urls(tmp_path):
 _CLAIM = object()
 _CALLS = {
     "scenes.list_scenes": (1,), "scenes.create": (job(2),), "versions.known": ("scene1", "v1"), "keys.all": (),
-    "quota_usage.of": ("key",), "jobs.jobs_by_state": (), "jobs.in_turn": (), "jobs.claim_next": ("worker",),
+    "quota_usage.of": ("key",), "jobs.jobs_by_state": (), "jobs.in_turn": (9,), "jobs.claim_next": ("worker",),
     "jobs.claim": ("op1",), "jobs.attempts_of": (["op1"],), "jobs.owners": (), "jobs.take_back": ("worker",),
     "jobs.release": (_CLAIM,), "jobs.report": (_CLAIM, []), "jobs.check": (_CLAIM,),
     "jobs.succeed": (_CLAIM, SUMMARY), "jobs.fail": (_CLAIM, {}), "jobs.cancelled": (_CLAIM,), "jobs.over": (["op1"],),
