@@ -34,13 +34,13 @@ installed: $(VENV)/.installed $(PAGE)
 # What a person must have installed is checked before anything is downloaded, all of it at once.
 $(VENV)/.product: $(INSTALLED_FROM)
 	@demo/check_machine.sh "$(PYTHON)"
-	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
+	@test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
 	$(PIP_INSTALL) --editable ./client --editable .
 	@touch $@
 
 $(VENV)/.installed: $(INSTALLED_FROM)
 	@demo/check_machine.sh "$(PYTHON)"
-	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
+	@test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
 	$(PIP_INSTALL) --editable ./client --editable '.[dev]'
 	@touch $(VENV)/.product $@
 
