@@ -38,13 +38,14 @@ _LEAST_LEFT_S, _GOAL, _LINES = 10.0, 2.0, 20
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
-    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER[:COUNT]")
+    parser.add_argument("folders", nargs="+", metavar="FOLDER[:COUNT]")
     parser.add_argument("--beside", type=int, default=0, metavar="LOOPS")
-    for words in (options := parser.parse_args()).folders:
-        folder, _, count = str(words).partition(":")
-        name = Path(folder).parent.name if Path(folder).name == "images" else Path(folder).name
+    options = parser.parse_args()
+    for photos in [_photos(words, parser) for words in options.folders]:
+        folder = photos[0].parent
+        name = folder.parent.name if folder.name == "images" else folder.name
         with _busy(options.beside):
-            row = _measured(_photos(Path(folder), int(count or 0)), options)
+            row = _measured(photos, options)
         beside = f", {options.beside} busy loops beside" if options.beside else ""
         put_row(RESULTS / "estimates.json", f"{name} {row['photos']}{beside}", row)
         print(json.dumps(row, ensure_ascii=False), flush=True)
@@ -62,9 +63,12 @@ def _busy(loops: int) -> Iterator[None]:
             process.wait()
 
 
-def _photos(folder: Path, count: int) -> list[Path]:
-    photos = sorted(path for path in folder.iterdir() if path.suffix.lower() in (".jpg", ".jpeg", ".png"))
-    count = min(count or len(photos), len(photos))
+def _photos(words: str, parser: argparse.ArgumentParser) -> list[Path]:
+    folder, _, wanted = words.partition(":")
+    photos = sorted(path for path in Path(folder).glob("*") if path.suffix.lower() in (".jpg", ".jpeg", ".png"))
+    if not photos or not (wanted or "1").isdecimal():
+        parser.error(f"{words}: FOLDER must have JPEG or PNG photos, and COUNT be a number")
+    count = min(int(wanted or 0) or len(photos), len(photos))
     return [photos[index * len(photos) // count] for index in range(count)]
 
 

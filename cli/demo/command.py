@@ -42,8 +42,10 @@ def demo(
     """
     if not train and (photos or ask or seconds is not None):
         raise InvalidInputError("--photos, --ask and --seconds are of --train", field="train")
-    if photos and not photos.exists():
-        raise InvalidInputError(f"{photos} does not exist", field="photos")
+    if photos:
+        from fastsplat_client.captures import CaptureFiles
+
+        CaptureFiles(photos)  # raises what it would in a minute, when the models are there and the service runs
     data = folder / "service"
     os.environ["FASTSPLAT_DATA_DIR"] = str(data.resolve())
     if train:

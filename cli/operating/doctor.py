@@ -34,7 +34,9 @@ def doctor(
     settings = load_settings()
     if not settings.data_dir.is_dir():
         raise NotFoundError(
-            f"there is no data folder {settings.data_dir}", field="data_dir", hint="Set FASTSPLAT_DATA_DIR."
+            f"there is no data folder {settings.data_dir}",
+            field="data_dir",
+            hint="Set FASTSPLAT_DATA_DIR to yours, or make it: fastsplat serve.",
         )
     if adopt:
         with local_store(adopting=True):

@@ -64,7 +64,7 @@ def list_models(
         ]
         typer.echo(json.dumps(rows, indent=2))
         return
-    typer.echo(f"in {directory}", err=True)
+    typer.echo(f"in {directory}; what is in use: fastsplat status", err=True)
     columns = (Column("name", "cut"), Column("state", "cut"), Column("license", "cut"), Column("role"))
     typer.echo(
         table(
@@ -122,7 +122,7 @@ def use(
     for role, model in choice.items():
         still = "; the environment's stays" if role in settings.perception.model_fields_set else ""
         typer.echo(f"{role.replace('_', ' ')}: {model['name']}{still}")
-    typer.echo("in use from the next question and job on")
+    typer.echo(f"{'' if choice else 'the models of the settings: '}in use from the next question and job on")
 
 
 def pull_with_progress(

@@ -81,7 +81,7 @@ def _files(capture: Path) -> list[tuple[str, Path]]:
     if capture.is_file():
         return []
     if not capture.is_dir():
-        raise InvalidInputError(f"there is no {capture}", field="capture")
+        raise InvalidInputError(f"{capture} does not exist", field="capture")
     files = [(path.relative_to(capture), path) for path in sorted(capture.rglob("*")) if path.is_file()]
     sent = [(name.as_posix(), path) for name, path in files if _is_sent(name)]
     if not any(path.suffix.lower() in _PHOTOS | _VIDEOS | _SPLATS | _NOT_READ for _, path in sent):

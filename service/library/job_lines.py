@@ -39,9 +39,9 @@ def duration(seconds: float) -> str:
 
 
 class ProgressLines:
-    """Prints left-out photos, and each new state, work, tenth of a stage, quarter of a count.
+    """Prints left-out photos, and each new state, work, part of a stage, and half minute.
 
-    Messages change several times a second.
+    A part is a tenth of the stage, or a quarter of a count: messages change several times a second.
 
     Args:
         file: to print to; default stdout.
@@ -59,7 +59,8 @@ class ProgressLines:
         if operation.stages and not operation.done:
             stage = operation.stages[-1]
             quarters = [int(4 * int(done) / max(int(total), 1)) for done, total in _COUNT.findall(stage.message)]
-            step = (stage.stage, int(stage.fraction * 10), re.sub(r"[\d.]+", "", stage.message), *quarters)
+            counts = (int(stage.fraction * 10), int(stage.seconds / 30), *quarters)
+            step = (stage.stage, re.sub(r"[\d.]+", "", stage.message), *counts)
         if step != self._last:
             self._print(progress(operation))
         self._last = step

@@ -44,8 +44,6 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (store.blobs.version("ready", "v1") / "summary.json").write_text("{}")
     store.jobs.succeed(working, SceneSummary("v1", 5, "METRIC", (), (), {}, 0))
     store.close()
-    for path in folder.glob("*.sqlite"):
-        path.chmod(0o600)
     yield folder
     load_settings.cache_clear()
 
@@ -105,7 +103,7 @@ def test_what_is_left_over_and_open_to_others_is_named_and_mended(data: Path, do
         (data / name).mkdir(parents=True)
     data.chmod(0o755)
     status, problems = doctor()
-    places = {"data", "jobs/op-failed", "uploads/up-ready", "trash/half"}
+    places = {"data", "fastsplat.sqlite", "jobs/op-failed", "uploads/up-ready", "trash/half"}
     assert status == 1 and {problem["place"] for problem in problems} == places
     assert all(problem["mendable"] for problem in problems)
     assert doctor("--repair") == (0, [])

@@ -19,7 +19,6 @@ from fastsplat_contract.errors import (
     FastSplatError,
     InvalidInputError,
     ModelUnavailableError,
-    ResourceError,
     UnsafeArchiveError,
 )
 
@@ -118,5 +117,5 @@ def test_an_archive_that_is_not_whole_is_said_to_be(manifest: Path, archive: Pat
 
 
 def test_an_archive_that_is_not_there_is_said_not_to_be(manifest: Path, tmp_path: Path) -> None:
-    with pytest.raises(ResourceError, match="No such file"):
+    with pytest.raises(InvalidInputError, match=r"there is no file .*none\.zip"):
         unpack(tmp_path / "none.zip", tmp_path / "there", report=lambda step: None, manifest=manifest)

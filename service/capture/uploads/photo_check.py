@@ -53,8 +53,8 @@ def check_photos(
         InvalidInputError: no folder, or not a set of photos without poses.
         FastSplatError: as `validate_upload` and `ImageDecoder.photo`.
     """
-    if not folder.is_dir():
-        raise InvalidInputError(f"{folder} is no folder", field="photos", hint="Name a folder of photos.")
+    if not (folder.is_dir() and any(folder.iterdir())):
+        raise InvalidInputError(f"{folder} is no folder, or empty", field="photos", hint="Name a folder of photos.")
     raw = scratch / "photos"
     shutil.copytree(folder, raw, copy_function=link_or_copy, symlinks=False)
     manifest, files = read_manifest(validate_upload(raw, settings).folder)
@@ -82,7 +82,8 @@ def check_photos(
         advice = advice_of(reason, verdict.defects, verdict.duplicate_of)
         verdicts.append(replace(verdict, not_placed=reason, matches=matches[verdict.name], advice=advice))
     sizes = sorted(photo.upright_size for photo in manifest.photos)
-    return PhotoCheck(tuple(verdicts), tuple(_advice(verdicts)), sizes[len(sizes) // 2])
+    left_out = [f"left out: {name}: {reason}" for name, reason in manifest.left_out.items()]
+    return PhotoCheck(tuple(verdicts), (*left_out, *_advice(verdicts)), sizes[len(sizes) // 2])
 
 
 def _advice(photos: Sequence[PhotoVerdict]) -> list[str]:

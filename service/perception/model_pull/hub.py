@@ -91,7 +91,7 @@ def _listing(repo: str, revision: str) -> _Listing:
         answer.raise_for_status()
         listed = _Listing.model_validate_json(answer.content)
     except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
-        raise RefusedError(f"{address}: {error!r}"[:400]) from error
+        raise RefusedError(f"{address}: {_reason(error)}"[:400]) from error
     if re.fullmatch(r"[0-9a-f]{40}", revision) and listed.sha != revision:
         raise RefusedError(f"{repo} has {listed.sha} for the commit {revision}")
     return listed
@@ -114,7 +114,14 @@ def download(address: str, target: Path, on_bytes: Bytes) -> None:
                 out.write(chunk)
                 on_bytes(out.tell(), total)
     except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
-        raise RefusedError(f"{address}: {error}") from error
+        raise RefusedError(f"{address}: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """Says why a request failed, in one line: the status of its answer, else the error."""
+    answer = getattr(error, "response", None)
+    status = f"{answer.status_code} {answer.reason_phrase}" if answer else ""
+    return status or " ".join(str(error).split()) or type(error).__name__
 
 
 def _endpoint() -> str:

@@ -69,6 +69,8 @@ def unpack(
             field="archive",
             hint="Copy it or zip the models again.",
         ) from error
+    except FileNotFoundError as error:
+        raise InvalidInputError(f"there is no file {source}", field="archive") from error
     except OSError as error:
         raise ResourceError(f"{source} cannot be unpacked: {error.strerror}", field="archive") from error
     return held

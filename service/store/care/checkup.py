@@ -51,8 +51,8 @@ def check_database(data_dir: Path, database_url: str) -> tuple[Problem, ...]:
 
 def check_folder(data_dir: Path, floor_bytes: int) -> Iterator[Problem]:
     """Checks permissions and free space of a data folder; uploads need `floor_bytes` free."""
-    names = ("", "key", SQLITE_NAME)
-    for path in (data_dir / name for name in names):
+    is_open = data_dir.stat().st_mode & _NON_OWNER_BITS  # otherwise nobody else comes to the files in it
+    for path in (data_dir / name for name in ("", "key", SQLITE_NAME) if is_open):
         if path.exists() and path.stat().st_mode & _NON_OWNER_BITS:
             mode = f"{stat.S_IMODE(path.stat().st_mode):o}"
             yield Problem(path.name, f"other users may read it (mode {mode})", "Make it its owner's alone.", True)

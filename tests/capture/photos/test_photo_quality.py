@@ -158,6 +158,7 @@ def test_each_defect_is_named_and_the_folder_is_left_alone(tmp_path: Path) -> No
     Image.fromarray((wall[120:520, 60:660] // 12).astype(np.uint8)).save(photos / "dark.png")
     Image.fromarray(wall[100:500, 40:640]).save(photos / "same.png")
     Image.fromarray(_textured(1)[:400, :600]).save(photos / "elsewhere.png")
+    (photos / "broken.png").write_text("no picture")
     before = sorted(path.name for path in photos.iterdir())
     (tmp_path / "scratch").mkdir()
     checked = check_photos(photos, tmp_path / "scratch", CaptureSettings())
@@ -168,7 +169,7 @@ def test_each_defect_is_named_and_the_folder_is_left_alone(tmp_path: Path) -> No
     assert found["elsewhere.png"].not_placed == "no_overlap"
     for name in ("0.png", "2.png", "3.png", "4.png"):
         assert found[name].not_placed is None and not found[name].defects and not found[name].advice
-    assert any("8 different photos are few" in sentence for sentence in checked.advice)
+    assert checked.advice[0].startswith("left out: broken.png: ") and "8 different photos are few" in checked.advice[1]
     assert checked.size == (600, 400)
     result = invoke("check", str(photos))
     assert re.search(r"takes about \d+ (s|min) on this machine", result.stderr)
