@@ -66,15 +66,11 @@ def list_models(
         return
     typer.echo(f"in {directory}; what is in use: fastsplat status", err=True)
     columns = (Column("name", "cut"), Column("state", "cut"), Column("license", "cut"), Column("role"))
-    typer.echo(
-        table(
-            columns,
-            [
-                (f"{e.name} (default)" if e.default else e.name, state, e.license, e.role.replace("_", " "))
-                for e, state in listed
-            ],
-        )
-    )
+    lines = [
+        (f"{e.name} (default)" if e.default else e.name, state, e.license, e.role.replace("_", " "))
+        for e, state in listed
+    ]
+    typer.echo(table(columns, lines))
     typer.echo(ANY_WORD, err=True)
 
 

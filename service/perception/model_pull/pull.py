@@ -128,7 +128,7 @@ def _pinned(entry: ModelEntry, models: Path, revision: str | None) -> ModelEntry
         raise ModelUnavailableError(
             f"model {entry.name} could not be looked up: {error}",
             field=entry.name,
-            hint="Check the network and HF_ENDPOINT, or bring the models in a file: fastsplat models use FILE",
+            hint="Check the network and HF_ENDPOINT, or bring a zip of models: fastsplat models use models.zip",
         ) from error
 
 
@@ -208,11 +208,17 @@ def put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
     missing = [file.name for file in entry.files if not (staged / file.name).is_file()]
     if missing:
         raise ModelUnavailableError(f"model {entry.name}: its conversion made no {', '.join(missing)}")
+    fetched = {
+        file.name: {"repo": source.repo, "path": source.path, "commit": source.revision}
+        for file in entry.files
+        for source in file.sources[:1]
+        if isinstance(source, HubSource) and source.revision
+    }
     receipt = {
         "model": entry.name,
         "license": entry.license,
         "sha256": {file.name: file_sha256(staged / file.name) for file in entry.files},
-        "hub": {**read_receipt(staged, name=entry.name).hub, **_hub_files(entry)},
+        "hub": {**read_receipt(staged, name=entry.name).hub, **fetched},
     }
     (staged / RECEIPT).write_text(json.dumps(receipt, indent=1) + "\n", "utf-8")
     for path in staged.iterdir():
@@ -229,15 +235,6 @@ def put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
         raise
 
 
-def _hub_files(entry: ModelEntry) -> dict[str, dict[str, str]]:
-    return {
-        file.name: {"repo": source.repo, "path": source.path, "commit": source.revision}
-        for file in entry.files
-        for source in file.sources[:1]
-        if isinstance(source, HubSource) and source.revision
-    }
-
-
 def _convert(conversion: Conversion, carriers: Path, target: Path, *, packages: Path, name: str) -> None:
     """Converts the files in `carriers` and writes the result to `target`.
 
@@ -247,8 +244,8 @@ def _convert(conversion: Conversion, carriers: Path, target: Path, *, packages: 
     if conversion.packages:
         arguments = ["install", "--no-deps", "--only-binary", ":all:", "--target", str(packages), *conversion.packages]
         try:
-            run_pip(arguments, refuse=_PipFailedError)
-        except _PipFailedError as error:
+            run_pip(arguments)
+        except RefusedError as error:
             raise ModelUnavailableError(
                 f"model {name}: the packages for its conversion could not be installed: {error}",
                 field=name,
@@ -270,7 +267,3 @@ def _convert(conversion: Conversion, carriers: Path, target: Path, *, packages: 
             field=name,
             hint="Convert it elsewhere and put the files into the model directory.",
         )
-
-
-class _PipFailedError(Exception):
-    pass

