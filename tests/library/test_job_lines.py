@@ -20,8 +20,8 @@ def test_a_long_stage_without_progress_says_what_it_does(capsys: pytest.CaptureF
     now = datetime.now(UTC)
     job = Operation("a", "b", "RUNNING", False, now, now, (), None, "create_scene", left_out={"7.gif": "unsupported"})
 
-    def at(fraction: float, message: str) -> None:
-        tell(replace(job, stages=(StageProgress("perception", fraction, message, 1.0, {}),)))
+    def at(fraction: float, message: str, seconds: float = 1.0) -> None:
+        tell(replace(job, stages=(StageProgress("perception", fraction, message, seconds, {}),)))
 
     for view in range(1, 201):
         at(0.0003 * view, f"looking for objects, view {view}/200")
@@ -29,6 +29,7 @@ def test_a_long_stage_without_progress_says_what_it_does(capsys: pytest.CaptureF
     at(0.06, "sorting 24 masks")
     for step in range(1, 1001):
         at(0.06 + 0.00001 * step, f"step {step}, {20 + step / 1000:.2f} dB")
+    at(0.07, "step 1001, 21.00 dB", 31.0)
     tell(replace(job, state="SUCCEEDED", done=True))
     lines = capsys.readouterr().out.splitlines()
     assert [line.partition("% ")[2] or line for line in lines] == [
@@ -37,5 +38,6 @@ def test_a_long_stage_without_progress_says_what_it_does(capsys: pytest.CaptureF
         "segmenting 24 objects, view 1/16",
         "sorting 24 masks",
         "step 1, 20.00 dB",
+        "step 1001, 21.00 dB",
         "SUCCEEDED",
     ]
