@@ -63,7 +63,7 @@ def _claimed(service: SceneService, operation: Operation) -> tuple[Job, Any]:
     claim = store.jobs.claim(operation.id)
     assert claim is not None
     claimed = ClaimedJob(store, claim, CallSettings())
-    folder = claimed.upload()
+    folder, _ = claimed.upload()
     settings = service._context.settings
     job = Job("job", 1, folder, claimed.folder, claimed.options, settings, exclude=claim.operation.excluded)
     return read_job(job.to_line(""))[0], claim

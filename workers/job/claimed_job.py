@@ -103,9 +103,9 @@ class ClaimedJob:
         return self._blobs.log(self.id)
 
     @patient
-    def upload(self) -> Path:
+    def upload(self) -> tuple[Path, str]:
         folder = self._blobs.fetch_upload(self.claim.operation.upload_id)
-        return folder / str(self.claim.operation.options["validated"])
+        return folder / str(self.claim.operation.options["validated"]), ""
 
     @patient
     def current_version(self) -> tuple[Path, str]:

@@ -16,7 +16,7 @@ from fastsplat_contract.messages.scenes import Edit
 
 @dataclass(frozen=True)
 class JobKind:
-    """A kind of job.
+    """A kind of job; its functions have names, by which a launcher sends them to other processes.
 
     Attributes:
         publish: publishes the last stage's result if needed, and completes the operation. Raises `ConflictError` to
@@ -71,7 +71,7 @@ def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
 KINDS: Mapping[OperationKind, JobKind] = {
     "create_scene": JobKind(
         stages=("capture", "perception", "training", "export"),
-        sources=lambda job: (job.upload(), ""),
+        sources=ClaimedJob.upload,
         run="fastsplat.workers.kinds.create_scene:STAGES",
         publish=_publish_scene,
     ),

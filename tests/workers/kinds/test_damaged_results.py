@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,3 +92,7 @@ def test_results_of_before_there_were_digests_count_as_whole(fresh: Job) -> None
     (job.result("capture") / "files.sha256").unlink()
     flip(job.result("capture") / "views" / "1.bin")
     assert discard_damaged(job) == ()
+
+
+def test_kinds_of_job_pass_between_processes() -> None:
+    assert pickle.loads(pickle.dumps(KINDS)) == KINDS
