@@ -210,12 +210,6 @@ class Deployment:
         self.wait_for(lambda: len(self.visits(stage, operation)) >= visit)
         return self.visits(stage, operation)[visit - 1].pid
 
-    def orderly(self, operation: Operation) -> bool:
-        """Whether a job's stages ran one after the other, each again only in a later attempt than before."""
-        path = [visit for stage in STAGES for visit in self.visits(stage, operation)]
-        attempts = [visit.attempt for visit in path]
-        return {visit.stage for visit in path} == set(STAGES) and attempts == sorted(attempts)
-
     def suspend(self, worker: subprocess.Popen[bytes]) -> None:
         """Stop a worker between two transactions."""
 
@@ -229,10 +223,6 @@ class Deployment:
             return False
 
         self.wait_for(is_suspended)
-
-    @staticmethod
-    def resume(worker: subprocess.Popen[bytes]) -> None:
-        os.kill(worker.pid, signal.SIGCONT)
 
     def left_over(self, *of: Operation) -> list[str]:
         """Everything on disk that belongs to jobs and uploads: of these, or of all."""

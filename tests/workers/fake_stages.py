@@ -25,6 +25,7 @@ from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat.service.store.rows.codec import camera_to_json
+from fastsplat.workers.job.made_scenes import EDITS, read_edited
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import checkpoint_folder
 from fastsplat_contract.codec.json_codec import to_plain
@@ -159,9 +160,12 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:
-    from fastsplat.workers.kinds.create_scene import export_made
+    if read_edited(job.folder / EDITS) is None:
+        _assemble(job, folder)
+    else:
+        from fastsplat.workers.kinds.create_scene import export_made  # with PyTorch, which takes seconds
 
-    export_made(job, folder, lambda: _assemble(job, folder))
+        export_made(job, folder, lambda: _assemble(job, folder))
     _obey(job, "export", progress)
 
 

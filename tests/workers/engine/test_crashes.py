@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 from contextlib import closing
 from pathlib import Path
@@ -202,7 +203,7 @@ def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_lo
         deployment.wait_for(flag.exists)
         deployment.start_worker()
         deployment.wait_in("export", operation)
-        deployment.resume(suspended)
+        suspended.send_signal(signal.SIGCONT)
 
         assert suspended.wait(timeout=60) == 75
         assert not deployment.is_alive(trainer)

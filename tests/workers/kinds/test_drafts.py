@@ -143,7 +143,7 @@ def test_a_late_copy_publishes_no_draft(deployment: Deployment) -> None:
     deployment.start_worker(elsewhere=True)
     deployment.wait_for(lambda: deployment.service.get_scene(operation.scene_id).provisional == _TRAINING)
     before = deployment.service.get_scene(operation.scene_id).version
-    deployment.resume(late)
+    late.send_signal(signal.SIGCONT)
     deployment.wait_for(lambda: len(deployment.visits("training", operation)) == 2)
     _tell(deployment)
     assert deployment.wait_over(operation).state == "SUCCEEDED"
