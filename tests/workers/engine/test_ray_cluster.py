@@ -238,7 +238,7 @@ def test_a_job_is_watched_and_ended_early_and_others_are_cancelled_in_any_stage(
 
 
 @pytest.mark.parametrize("end", ["of all", "of Ray alone", "stopped"])
-def test_a_job_of_a_lost_node_goes_on_elsewhere_from_the_last_stage_and_is_fenced_there(
+def test_a_job_of_a_lost_node_goes_on_elsewhere_from_the_last_stage_and_is_fenced_on_the_first(
     cluster: Cluster, end: str
 ) -> None:
     job = cluster.head.post("training:until_finish")
