@@ -22,8 +22,8 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "api": (5626, 11172),
     "application": (6597, 3142),
     "benchmarks": (0, 2794),
-    "capture": (11015, 6566),
-    "cli": (3512, 1960),
+    "capture": (11016, 6567),
+    "cli": (3512, 1958),
     "client": (8655, 1691),
     "common": (1360, 659),
     "demo": (0, 166),
@@ -33,9 +33,9 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "instances": (2383, 1901),
     "interop": (0, 506),
     "jobs": (1670, 515),
-    "library": (534, 390),
+    "library": (535, 392),
     "localization": (1716, 611),
-    "perception": (5383, 3069),
+    "perception": (5380, 3068),
     "planning": (801, 451),
     "query": (11871, 7188),
     "release": (0, 171),
@@ -49,7 +49,7 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "workers": (2581, 3888),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 78576, "tests": 62486, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 78575, "tests": 62486, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")
