@@ -31,7 +31,7 @@ _USUAL_LABELS = 30
 _POINTS_A_PHOTO = 130
 _PROMISING_PAIRS = 0.65
 """Share of requested image pairs that remain, as two images often choose each other."""
-_SEARCH_S, _SEGMENT_S, _MODELS_S = 0.11, 1.5, 1.2
+_SEARCH_S, _SEGMENT_S, _MODELS_S = 0.11, 1.1, 1.2
 _DRAFT_S = 3.5
 """Seconds of the draft on the capture's points, made while the first views are labelled."""
 

@@ -24,7 +24,7 @@ from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat_contract.geometry.camera import Camera
 
-_STEP_S, _IMAGE_S, _NETWORK_S = 0.0032, 0.00066, 0.0041
+_STEP_S, _IMAGE_S, _NETWORK_S = 0.0032, 0.00066, 0.0069
 """Reference CPU seconds per round, derived from whole jobs on other machines (`benchmarks.estimates`)."""
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
