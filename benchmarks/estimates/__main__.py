@@ -38,10 +38,10 @@ _LEAST_LEFT_S, _GOAL, _LINES = 10.0, 2.0, 20
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
-    parser.add_argument("folders", nargs="+", metavar="FOLDER[:COUNT]")
+    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER[:COUNT]")
     parser.add_argument("--beside", type=int, default=0, metavar="LOOPS")
     options = parser.parse_args()
-    for photos in [_photos(words, parser) for words in options.folders]:
+    for photos in [_photos(str(words), parser) for words in options.folders]:
         folder = photos[0].parent
         name = folder.parent.name if folder.name == "images" else folder.name
         with _busy(options.beside):

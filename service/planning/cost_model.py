@@ -198,8 +198,8 @@ def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = 
 
 def step_seconds(pixels: int, gaussians: int, channels: int, sh_degree: int = 1) -> float:
     """Seconds of one optimization step on the reference machine."""
-    # Fitted within 20 % to 15 pairs of image size and Gaussian count (table-top benchmark); blending ~ count^0.8. Kernels
-    # have become faster since, at all sizes of a run alike: by the steps of `benchmarks.training`, 29 to 34 % are left.
+    # Fitted within 20 % to 15 pairs of image size and Gaussian count (table-top benchmark); blending ~ count^0.8. Then
+    # scaled to 31 % (29 to 34 by size) as kernels became faster, by the steps of `benchmarks.training`.
     blended = 1.09e-4 * pixels + 4.05e-8 * pixels * math.pow(gaussians, 0.8)
     harmonics = 5e-6 * ((sh_degree + 1) ** 2 - 4)
     return 3.1e-4 * (1.8 + (1.9e-4 + harmonics) * gaussians + blended * (0.8 + 0.025 * channels))
@@ -241,7 +241,6 @@ def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
     width, height = _size(settings, scene)
     held_out = len(split_views(scene.views, settings.held_out_every)[1])
     step = step_seconds(round(width * height), settings.max_gaussians, 0)
-    measured = 0.4 * step
     evidence = 0.8 * step * scene.views if settings.label_mode == "evidence" and scene.labels else 0.0
     judged = _JUDGED * min(held_out or scene.views, MAX_EVAL_VIEWS) if settings.tolerance_db else 0
     refit = 0.0
@@ -249,7 +248,7 @@ def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
         channels = code_size(scene.labels, settings.code_size)
         looked = 0.8 * step_seconds(round(width * height), settings.max_gaussians, channels)
         refit = scene.views * (0.8 * step + settings.label_refit_epochs * looked)
-    return (held_out + judged) * measured + evidence + refit
+    return (held_out + judged) * 0.4 * step + evidence + refit
 
 
 def export_seconds(
@@ -271,8 +270,7 @@ def _at_level(settings: TrainingSettings, scene: SceneSize, level: int) -> Train
     side = max(min(longest, _SMALLEST_SIDE), round(longest * _SIDE_FACTOR**level / 8) * 8)
     least = min(settings.max_gaussians, _FEWEST_GAUSSIANS)
     two_digits = int(float(f"{settings.max_gaussians * _GAUSSIANS_FACTOR**level:.1e}"))
-    count = max(least, two_digits)
-    return settings.model_copy(update={"max_side": side, "max_gaussians": count})
+    return settings.model_copy(update={"max_side": side, "max_gaussians": max(least, two_digits)})
 
 
 def _size(settings: TrainingSettings, scene: SceneSize) -> tuple[float, float]:

@@ -55,8 +55,7 @@ def machine_speed(backend: Backend = "cpu") -> Speed:
 
 def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str], progress: Progress) -> PerceptionCost:
     """Measures perception by labelling the capture's middle view; raises as `label_capture`."""
-    middle = len(capture.views) // 2
-    one_view = replace(capture, views=capture.views[middle : middle + 1])
+    one_view = replace(capture, views=(capture.views[len(capture.views) // 2],))
     times: list[float] = []
 
     def listen(event: ProgressEvent) -> None:

@@ -1,8 +1,8 @@
 """Notices that a run goes astray, and takes it back to its last good state.
 
 Photos that contradict each other, by light, poses or what moves, may come to be explained each by Gaussians of its own,
-right before its camera. Then the loss rises again over hundreds of steps, or what is opaque gathers at the cameras. A
-loss that rises once may be that of a long run whose learning rates stay high, too: photos are corrected where it is not.
+right before its camera. Then the loss rises again over hundreds of steps, or what is opaque gathers at the cameras. In
+a long run whose learning rates stay high the loss may rise once, too: then they are lowered, and photos left alone.
 """
 
 from __future__ import annotations
@@ -83,9 +83,8 @@ class RunWatch:
         better = not best or loss < best
         gathered = near > share + _GATHERED and (changed or not best or not better)
         if good_at and (gathered or risen >= _RISES):
-            returns = len(state.parameters.get(_RETURNS, ()))
-            if returns < _MOST_RETURNS:
-                self._go_back(state, photos_differ=gathered or returns > 0)
+            if len(state.parameters.get(_RETURNS, ())) < _MOST_RETURNS:
+                self._go_back(state, gathered)
         elif changed:
             noted[_BEST] = 0  # of no window: this one had steps of both phases
         elif better:
@@ -101,23 +100,24 @@ class RunWatch:
         some = means[:: math.ceil(len(means) / _SAMPLE)]
         return float((torch.cdist(some, self._cameras) < self._near).any(dim=1).float().mean())
 
-    def _go_back(self, state: SplatState, photos_differ: bool) -> None:
-        """Restores the Gaussians of the last good state, corrects photos that differ from now on, and notes it."""
+    def _go_back(self, state: SplatState, gathered: bool) -> None:
+        """Restores the Gaussians of the last good state, corrects photos that seem to differ, and notes it."""
         noted = state.parameters[_WATCH].detach()
+        returns = state.parameters.get(_RETURNS, noted.new_zeros(0, 2))
         noted[_RISEN], noted[_PHASE] = 0, -1
         for name in GAUSSIAN_PARAMETERS:
             state.begin(name, state.parameters[_GOOD + name].clone())
-        if photos_differ and self._settings.photometric != "off" and len(self._cameras) > 1:
+        if (gathered or len(returns)) and self._settings.photometric != "off" and len(self._cameras) > 1:
             begin_corrections(state, len(self._cameras))
         row = noted.new_tensor([[float(state.iteration), float(noted[_GOOD_AT])]])
-        state.parameters[_RETURNS] = torch.cat([state.parameters.get(_RETURNS, row[:0]), row])
+        state.parameters[_RETURNS] = torch.cat([returns, row])
 
 
 def return_warnings(state: SplatState) -> tuple[str, ...]:
     """A sentence for each time that a run was taken back."""
-    corrected = " and with each photo's exposure corrected" if CORRECTIONS in state.parameters else ""
+    corrected = " and each photo's exposure corrected. Do photos differ in light, have objects moved, are poses wrong?"
+    ending = corrected if CORRECTIONS in state.parameters else "."
     return tuple(
-        f"Training went astray: at step {at:.0f} it went back to step {good:.0f}, with lower learning rates{corrected}."
-        " Look whether photos differ in light, objects moved or poses are wrong."
+        f"Training went astray: at step {at:.0f} it went back to step {good:.0f}, with lower learning rates{ending}"
         for at, good in state.parameters.get(_RETURNS, torch.zeros(0, 2)).tolist()
     )

@@ -46,8 +46,7 @@ def _watched(views: tuple[TrainingView, ...], losses: Callable[[int], float], st
 
 
 def test_a_rise_over_hundreds_of_steps_leads_back_and_not_the_order_of_the_views(views) -> None:
-    uneven = _watched(views, lambda step: 0.1 + 0.05 * (step % 12) + 0.1 * (step % 97 == 0), 2_000)
-    assert return_warnings(uneven) == ()
+    assert return_warnings(_watched(views, lambda step: 0.1 + 0.05 * (step % 12) + 0.1 * (step % 97 == 0), 2_000)) == ()
     risen = _watched(views, lambda step: 0.1 + 0.0002 * max(0, step - 540), 870)
     assert len(return_warnings(risen)) == 1 and CORRECTIONS not in risen.parameters
     assert risen.parameters["codes"][0, 0] < 3 + 870 - 200, "the Gaussians are those of before the rise"
