@@ -25,7 +25,7 @@ from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat_contract.geometry.camera import Camera
 
 _STEP_S, _IMAGE_S, _NETWORK_S = 0.0032, 0.00066, 0.0069
-"""Reference CPU seconds per round, derived from whole jobs on other machines (`benchmarks.estimates`)."""
+"""Reference CPU seconds per round, derived from whole jobs (`benchmarks.estimates`)."""
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180

@@ -108,7 +108,7 @@ def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
         _refuse_others(files)
         raise left_out.refusal(
             InvalidInputError(
-                f"the upload has no images{', but ' * bool(files)}{list_names(files)}",
+                "the upload has no images" + (f", but {list_names(files)}" if files else ""),
                 field="files",
                 hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images, an archive of them, one video, a recording of "
                 "Polycam, Record3D or 3D Scanner App, or a splat (PLY, SPZ, SOG, .splat or .ksplat).",

@@ -55,11 +55,11 @@ class WorkerRepository(Repository):
         until, over = self._lease(name, seconds), threading.Event()
 
         def prolong() -> None:
-            ends = [until]  # and those that were written, or perhaps were not
+            ends = [until]  # that were written, or perhaps were not; of three intervals, as older ones are over
             while not over.wait(seconds / 3):
                 with suppress(DatabaseError), self._writing() as connection:
                     mine = update(leases).where(leases.c.name == name, leases.c.until.in_(ends))
-                    ends.append(time.time() + seconds)
+                    ends = [*ends[-3:], time.time() + seconds]
                     connection.execute(mine.values(until=ends[-1]))
 
         if until is not None:
