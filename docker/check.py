@@ -2,8 +2,8 @@
 under way go on where the images of a next release take the place of these?
 
 `python docker/check.py` as root on Debian with buildah, debootstrap, docker-compose and npm, from the development
-environment. Network: the package registries that apt, pip and npm are set to. FASTSPLAT_MODELS names a model directory;
-without one the `models` image fetches the defaults.
+environment, with 20 GB of free disk. Network: the package registries that apt, pip and npm are set to. FASTSPLAT_MODELS
+names a model directory; without one the `models` image fetches the defaults.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ def main() -> int:
     """Exit status 0 when everything held."""
     subprocess.run(["hadolint", "docker/Dockerfile", "docker/ros2.Dockerfile"], cwd=ROOT, check=True)
     subprocess.run(["docker-compose", "-f", "docker/compose.yaml", "config", "-q"], cwd=ROOT, check=True)
+    if (free := shutil.disk_usage(tempfile.gettempdir()).free) < 20e9:  # 16 GB are taken for a while
+        sys.exit(f"{tempfile.gettempdir()} has {free / 1e9:.0f} GB free, and building the images needs 20")
     folder = Path(tempfile.mkdtemp(prefix="fastsplat-images-"))
     builder = Builder(folder)
     try:
@@ -159,9 +161,8 @@ def _ask(client: Client, capture: Path) -> None:
 def _begin_training(client: Client, capture: Path) -> str:
     """Post the photos once more; the id of the job, whose training has begun."""
     job = client.create_scene(capture, options=SceneOptions(max_gaussians=5_000)).id
-    operation = next(
-        now for now in client.watch(job) if now.done or "training" in {stage.stage for stage in now.stages}
-    )
+    begun = (now for now in client.watch(job) if now.done or "training" in {stage.stage for stage in now.stages})
+    operation = next(begun)
     assert not operation.done, operation
     return job
 
@@ -194,9 +195,8 @@ def _running(
 
 
 def _healthy(image: Image, environment: Mapping[str, str], data: Path, models: Path) -> bool:
-    return (
-        subprocess.run(_contained(image, environment, data, models, image.health), capture_output=True).returncode == 0
-    )
+    done = subprocess.run(_contained(image, environment, data, models, image.health), capture_output=True)
+    return done.returncode == 0
 
 
 def _contained(

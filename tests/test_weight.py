@@ -23,7 +23,7 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "application": (6597, 3142),
     "benchmarks": (0, 2794),
     "capture": (11016, 6567),
-    "cli": (3512, 1958),
+    "cli": (3508, 1958),
     "client": (8655, 1691),
     "common": (1360, 659),
     "demo": (0, 166),
@@ -49,7 +49,7 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "workers": (2581, 3888),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 78575, "tests": 62486, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 78571, "tests": 62486, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from fastsplat.cli.connection import local_store
 from fastsplat.cli.lazy_settings import load_settings
@@ -192,19 +192,15 @@ def _calibrated(role: str, name: str, models: Path, report: Callable[[Step], Non
 @contextmanager
 def _progress() -> Iterator[tuple[Callable[[Step], None], Callable[[ModelEntry], None]]]:
     """A line a model that says how far it is; yields what hears each step, and each model to fetch."""
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.fields[model]}"),
-        BarColumn(bar_width=12),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
+    columns = (BarColumn(bar_width=12), TimeElapsedColumn(), TextColumn("{task.fields[model]}: {task.description}"))
     tasks: dict[str, TaskID] = {}
     with Progress(*columns) as progress:
 
         def report(step: Step) -> None:
             if step.model not in tasks:
-                tasks[step.model] = progress.add_task(step.what, model=step.model, total=None)
+                tasks[step.model] = progress.add_task("", model=step.model, total=None)
+            if not progress.console.is_terminal and progress.tasks[tasks[step.model]].description != step.what:
+                progress.console.print(f"{step.model}: {step.what}", soft_wrap=True, highlight=False)  # it draws no bar
             finished = step.what in ("ready", "already there")
             total, done = (1, 1) if finished else (step.total or None, step.done)
             progress.update(tasks[step.model], description=step.what, total=total, completed=done)
