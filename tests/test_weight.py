@@ -42,14 +42,14 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "scene": (3344, 1486),
     "service": (374, 0),
     "splat_import": (625, 310),
-    "splatting": (5643, 4589),
+    "splatting": (5643, 4584),
     "store": (4857, 1950),
     "tests": (0, 1925),
     "web": (0, 4267),
     "workers": (2581, 3888),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 78571, "tests": 62486, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 78571, "tests": 62481, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")
