@@ -280,8 +280,8 @@ def answers(url: str) -> bool:
 
 
 def _all_threads_stopped(pid: int) -> bool:
-    stats = [path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/stat")]
-    return all(stat.rpartition(")")[2].split()[0] == "T" for stat in stats)
+    stats = filter(None, map(process_file, Path(f"/proc/{pid}/task").glob("*/stat")))  # a thread may have ended
+    return all(stat.rpartition(b")")[2].split()[0] == b"T" for stat in stats)
 
 
 def _at_rest(url: str) -> bool:
