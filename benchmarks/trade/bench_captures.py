@@ -78,7 +78,7 @@ def training_labels(data: BenchData, settings: Settings) -> Labelling:
     regions = [Regions(label_map, ()) for label_map in maps]
     for position, label_map, view in zip(data.train, detected.label_maps, detected.regions, strict=True):
         maps[position], regions[position] = label_map, view
-    return Labelling(detected.dictionary, tuple(maps), regions=tuple(regions))
+    return Labelling(detected.dictionary, tuple(maps), regions=tuple(regions), detector=detected.detector)
 
 
 def _built(name: str) -> Capture:

@@ -38,8 +38,7 @@ def main() -> None:
 
 
 def _measure(row: Row, data: BenchData) -> dict[str, Any]:
-    figures: dict[str, Any] = {}
-    settings, labelling = row.settings(models()), data.truth
+    figures, settings, labelling = dict[str, Any](), row.settings(models()), data.truth
     if row.perception is not None:
         labelling, spent = _timed(lambda: training_labels(data, settings))
         figures |= {f"perception_{name}": value for name, value in spent.items()}
@@ -67,6 +66,7 @@ def _measure(row: Row, data: BenchData) -> dict[str, Any]:
         "localization": localization(index, data, row.perception is not None),
     }
     if row.perception is not None:
+        assert figures["miou"], "the scene states none of the detector's names"
         figures["maps_miou"] = maps_iou(labelling, data)
     return figures
 
