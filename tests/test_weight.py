@@ -45,11 +45,11 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "splatting": (5643, 4584),
     "store": (4857, 1950),
     "tests": (0, 1925),
-    "web": (0, 4267),
+    "web": (0, 4261),
     "workers": (2581, 3888),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 78571, "tests": 62481, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 78571, "tests": 62475, "page": 15907, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")

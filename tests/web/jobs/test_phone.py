@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import re
-import time
 from pathlib import Path
 
 import cv2
 from playwright.sync_api import Browser, expect
-from sqlalchemy import update
 
-from fastsplat.service.store.rows.database import transaction
-from fastsplat.service.store.rows.schema import api_keys
 from fastsplat_contract.messages.scenes import SceneSummary
 from fastsplat_contract.server.keys import UploadKeyIn
 from tests.web.browser import PHONE, Visit, visiting
@@ -95,9 +91,7 @@ def test_of_two_phones_with_one_link_the_later_is_told(guarded: Place, browser: 
 
 
 def test_a_link_that_has_expired_says_so(guarded: Place, browser: Browser) -> None:
-    new_key = guarded.service.keys.create_for_upload(UploadKeyIn())
-    with transaction(guarded.service._store.engine) as connection:
-        connection.execute(update(api_keys).where(api_keys.c.id == new_key.key.id).values(expires_at=time.time() - 1))
+    new_key = guarded.service.keys.create_for_upload(UploadKeyIn(lifetime_s=1e-3))
     for address in (f"#/phone?key={new_key.secret}", "#/phone?key=fsk_wrong", "#/phone", "#/phone?key=<b>x</b>"):
         with visiting(browser, guarded.url, address, **_PHONE) as visit:
             visit.expected.append("401")
