@@ -76,13 +76,11 @@ def _source(name: str, results: Path) -> str:
 
 
 def _runs(value: object) -> Iterator[Document]:
-    """The records in a result file that say when they were taken, outermost first."""
-    if isinstance(value, Mapping):
-        if "date" in value:
-            yield value
-        else:
-            for child in value.values():
-                yield from _runs(child)
+    """The records in a result file that say when and of which commit they were taken."""
+    if isinstance(value, Mapping) and {"date", "commit"} <= value.keys():
+        yield value
+    for child in value.values() if isinstance(value, Mapping) else value if isinstance(value, list) else ():
+        yield from _runs(child)
 
 
 def _count(share: float, of: int) -> str:

@@ -57,9 +57,9 @@ def test_means_of_rooms_are_of_those_that_have_a_figure(tmp_path: Path) -> None:
     rows["shop-1"] |= {"names_stated_right": 1, "names_stated": 1, "floor_iou": 0.5}
     rows["desk-2"] |= {"floor_iou": float("nan")}
     assert mean_of(list(rows.values()))["floor_iou"] == 0.5
-    about = {"date": "2026-11-24", "commit": "0123abc"}
+    about = {"date": "2026-11-24", "commit": "0123abc", "kept": [{"date": "2026-11-23", "commit": "0456def"}]}
     (tmp_path / "rooms.json").write_text(json.dumps({"rows": rows, "mean": mean_of(list(rows.values())), **about}))
     *_, desk, shop, mean, _, said = render(TABLES["rooms"], tmp_path).splitlines()
     assert desk.startswith("| desk-2 | 0.50 |") and "| 3 of 4 | – | 3 of 6 |" in desk
-    assert "| 3 of 4 | 1 of 1 | 3 of 6 |" in shop
-    assert mean.startswith("| mean | 0.75 |") and "| 75% | 100% | 50% |" in mean and "0123abc" in said
+    assert "| 3 of 4 | 1 of 1 | 3 of 6 |" in shop and "0123abc (" in said and "0456def (" in said
+    assert mean.startswith("| mean | 0.75 |") and "| 75% | 100% | 50% |" in mean
