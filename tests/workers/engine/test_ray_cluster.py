@@ -251,7 +251,7 @@ def test_a_job_of_a_lost_node_goes_on_elsewhere_from_the_last_stage_and_is_fence
         os.kill(*cluster.named("raylet", node), signal.SIGKILL)
     elif end == "of all":
         cluster.lose(node)
-    wait_for(lambda: cluster.visits(job)["training"] == [1, 2])
+    wait_for(lambda: cluster.visits(job)["training"] == [1, 2] and cluster.head.service.get_operation(job.id).preview)
     assert not stopped or is_alive(trainer)
     for pid in stopped:  # those that wake first may end the last
         with suppress(ProcessLookupError):
