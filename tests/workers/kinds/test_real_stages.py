@@ -136,4 +136,4 @@ def test_photos_of_two_places_end_as_a_failure_that_says_what_to_do(service, set
     assert now.error.reason == "RECONSTRUCTION_FAILED" and now.error.details["hint"]
     assert service.get_scene(operation.scene_id).state == "FAILED"
     folders = (service._store.blobs.job(record.run_id), settings.data_dir / "scenes" / operation.scene_id)
-    wait_for(lambda: not [path for folder in folders for path in folder.rglob("*") if path.is_file()])
+    wait_for(lambda: not any(folder.exists() for folder in folders))
